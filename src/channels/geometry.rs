@@ -43,7 +43,7 @@ const MOTION: Vocabulary = Vocabulary {
 const DIRECTED: &[&str] = &["forward", "backward", "flow", "motionfw", "motionbw"];
 
 pub(super) const DEPTHS: Vocabulary =
-    Vocabulary { clear: &["depth", "zdepth", "zback", "zbuffer", "zfiltered"], short: &[] };
+    Vocabulary { clear: &["depth", "distance", "zdepth", "zback", "zbuffer", "zfiltered"], short: &["dd"] };
 
 /// Words of light and of what is made with it; those that end in `light` are such words, too.
 const LIGHT: &[&str] = &[
@@ -86,6 +86,7 @@ const COMPANY: &[&str] = &[
     "ref",
     "rest",
     "raw",
+    "noisy",
     "smooth",
     "geo",
     "geometric",

@@ -22,7 +22,7 @@ impl<'a> Name<'a> {
 }
 
 /// The words of a name, in lower case: runs of letters, split at every other character, before a capital that
-/// follows a small letter, and before the last capital of a run of them (`VRayMtlID` is v, ray, mtl, id). The end of
+/// follows a small letter, and before the last capital of a run of them (`VRayMtlID` is v, ray, mtl, id), unless only the s of a plural follows (`UVs`). The end of
 /// an ordinal belongs to its number (`1st_bounce` is bounce).
 pub fn words(name: &str) -> Vec<String> {
     let letters: Vec<char> = name.chars().collect();
@@ -35,7 +35,10 @@ pub fn words(name: &str) -> Vec<String> {
     };
     for (i, &letter) in letters.iter().enumerate() {
         let after_small = i > 0 && letters[i - 1].is_lowercase();
-        let before_small = letters.get(i + 1).is_some_and(|next| next.is_lowercase());
+        let small = |at: usize| letters.get(at).is_some_and(|letter| letter.is_lowercase());
+        let plural =
+            i > 0 && letters[i - 1].is_uppercase() && letters.get(i + 1) == Some(&'s') && !small(i + 2);
+        let before_small = small(i + 1) && !plural;
         if !letter.is_alphabetic() || (letter.is_uppercase() && (after_small || before_small)) {
             ends(&mut word, i);
         }
@@ -172,6 +175,8 @@ mod tests {
         assert_eq!(of("st.R"), "st r");
         assert_eq!(of("lgt_2nd"), "lgt");
         assert_eq!(of("1stBounce"), "bounce");
+        assert_eq!(of("objectIDs UVs.R"), "object ids uvs r");
+        assert_eq!(of("IDsOfAStone"), "ids of a stone");
     }
 
     #[test]

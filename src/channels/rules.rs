@@ -225,7 +225,7 @@ fn is_lone_z(subject: &Subject<'_>) -> bool {
     let mut component = words(Name::new(&subject.full).component);
     while component
         .last()
-        .is_some_and(|word| ["back", "front", "depth", "buffer"].contains(&word.as_str()))
+        .is_some_and(|word| ["back", "front", "depth", "buffer", "noisy"].contains(&word.as_str()))
     {
         component.pop();
     }

@@ -43,7 +43,9 @@ const NAMES: &[(Rule, &str)] = &[
     (Rule::Fill, "ViewLayer.Mist.Z|mist"),
     (Rule::Nearest, "label|segmentation|labels.R|face_label"),
     (Rule::Keep, "nSamples|rayCount|stats.nSamples|rayCount.R"),
-    (Rule::Depth, "depth.Z|deep.ZBack|zDepth.R"),
+    (Rule::Depth, "depth.Z|deep.ZBack|zDepth.R|dd.y|Z_noisy|distance|distance.R"),
+    (Rule::Nearest, "nodeIDs.R|objectIDs"),
+    (Rule::Fill, "distance_fog.R|distance_light.G|noisy.R|UVs.R"),
     (Rule::Keep, "mask|Mask|MASK|samples|SAMPLECOUNT|SampleCount|stats.samples|sample_count"),
     (Rule::Keep, "ViewLayer.Debug Sample Count.X"),
 ];
