@@ -177,6 +177,7 @@ const TABLE: &[Row] = &[
         "the layer is called so",
         &[
             "uv.U|V",
+            "UVs.R|G",
             "UV.R|G",
             "st.s|t",
             "ViewLayer.UV.X|Y",
@@ -212,6 +213,9 @@ const TABLE: &[Row] = &[
         "called so",
         &[
             "VRayZDepth",
+            "dd.y",
+            "distance",
+            "Z_noisy",
             "ViewLayer.Depth.V",
             "Light.Depth.V",
             "DEPTH.R|G|B",
@@ -226,6 +230,7 @@ const TABLE: &[Row] = &[
         &[
             "objectId",
             "VRayMtlID",
+            "objectIDs",
             "VRayRenderID.R|G|B",
             "MATERIAL_ID",
             "materialId.R|G|B",
