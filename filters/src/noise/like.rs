@@ -25,6 +25,9 @@ pub enum Untold {
     /// No noise at any measured pixel, though the samples are not all the same.
     #[error("nowhere above 0 and finite at measured pixels")]
     Nowhere,
+    /// No noise that is known there.
+    #[error("not finite at any measured pixel")]
+    NotFinite,
 }
 
 impl Noise {
@@ -99,6 +102,10 @@ impl Noise {
         let flat = |plane: &Plane| {
             measured(plane, &|_| true).is_none_or(|first| measured(plane, &|value| value != first).is_none())
         };
-        if samples.as_slice().iter().all(flat) { Ok(Self::None) } else { Err(Untold::Nowhere) }
+        if samples.as_slice().iter().all(flat) {
+            return Ok(Self::None);
+        }
+        let is_known = planes.iter().any(|plane| measured(plane, &|_| true).is_some());
+        Err(if is_known { Untold::Nowhere } else { Untold::NotFinite })
     }
 }

@@ -427,6 +427,8 @@ fn halves_of_the_image_tell_half_their_difference() {
     assert_eq!(bad, Err(Untold::Negative(-1.0)));
     let none = || vec![Plane::filled(size, 0.0)];
     let planes = |plane: Plane| Planes::new(size, vec![plane]).unwrap();
+    let unknown = vec![Plane::filled(size, f32::NAN)];
+    assert_eq!(Noise::like(unknown, &planes(mean.clone()), &mask), Err(Untold::NotFinite));
     assert_eq!(Noise::like(none(), &planes(mean), &mask), Err(Untold::Nowhere));
     assert_eq!(Noise::like(none(), &planes(other), &mask), Ok(Noise::None));
 }

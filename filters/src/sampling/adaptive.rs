@@ -47,6 +47,8 @@ const SLACK: f64 = 1e-3;
 const KEPT: f64 = 0.5;
 /// New pixels of an octave that say as much as any more.
 const ENOUGH: f64 = 256.0;
+/// The range of the widest channel, over that of all, up to which a colour counts as flat: a hair of noise tells nothing.
+const FLAT: f32 = 1e-4;
 const NO_ENDS: (f32, f32) = (f32::INFINITY, f32::NEG_INFINITY);
 /// Exponents of a float.
 const OCTAVES: usize = 1 << 8;
@@ -400,11 +402,11 @@ impl<'a> Known<'a> {
         Ok(Some(self.within.into_iter().fold(found, Estimate::within)))
     }
 
-    /// Of all values that were measured; nothing where those of every channel are alike.
+    /// Of all values that were measured; nothing where those of every channel are alike, but for a hair beside that range.
     fn range(&self) -> Option<f64> {
-        let differs = self.ends.iter().any(|(low, high)| low < high);
         let (low, high) = self.ends.iter().fold(NO_ENDS, |all, ends| (all.0.min(ends.0), all.1.max(ends.1)));
-        differs.then(|| f64::from(high) - f64::from(low))
+        let own = self.ends.iter().map(|(low, high)| high - low).fold(0.0, f32::max);
+        (own > (FLAT * (high - low)).max(0.0)).then(|| f64::from(high) - f64::from(low))
     }
 }
 

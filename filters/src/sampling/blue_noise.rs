@@ -215,6 +215,8 @@ impl Energy {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Size;
+    use crate::sampling::{Band, Field, Order, Pattern};
 
     #[test]
     fn a_tile_is_made_once_for_all_frames_of_a_seed() {
@@ -223,8 +225,6 @@ mod tests {
         assert!((0..9).any(|_| is_shared()));
         assert!(*Tile::shared(77) == Tile::new(77));
     }
-    use crate::Size;
-    use crate::sampling::{Band, Field, Order, Pattern};
 
     #[test]
     fn every_rank_of_the_tile_occurs_once() {

@@ -12,7 +12,7 @@
 //! geometrically from 0.9 of the largest entry of `U x_0`, and from 0.1, to what is asked. The level of an image has large entries that say nothing of how
 //! far it is from the minimum: smoothed by them it would walk further away than the small last steps come back ([`Sparsity::peak`]).
 //!
-//! No step is sure to lower the objective. If all of them have raised it, `x` is what it was at first, and has not converged unless that is within the
+//! No step is sure to lower the objective. If it is above the first one in the end, `x` is what it was at first, and has not converged unless that is within the
 //! tolerance.
 //!
 //! Cost: an iteration is one `U` and one `U^T`. Memory: four images beside `x`, and the operator's buffers.
