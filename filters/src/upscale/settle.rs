@@ -22,7 +22,9 @@
 //! Means of a spline at broken factors, see [`super::Axis`], are integrals, over whole pixels say, of which `R` has shares. Beside a hard edge shares of
 //! pixels within bounds cannot have them, and forcing them there makes the image worse: it is clamped, and what `R x` then lacks or has too
 //! much is given to the pixels around once, to each in proportion to the room that it has within its bounds, which keeps the light in
-//! all but for what a second clamp takes. What is left of the target is `off_input`. The distance from the samples would say nothing: true
+//! all but for what a second clamp takes. Splines of other weighted means swing further: all of it is given back `FIRST` times, then what is still off
+//! by more than `FAR` of the largest `|y|`, up to `ROUNDS` times. Bars and lamps need it, edges are best left alone. What is left of the target is
+//! `off_input`. The distance from the samples would say nothing: true
 //! images, whose pixels straddle edges, are off theirs by a tenth to a third of the largest value at hard edges.
 //! Total variation keeps shares, and points as `R` has them; multipliers of shares that would grow without end are limited to what moves a mean
 //! by twice the largest `|y|` (an exact penalty on `|y - R x|`): where smaller ones suffice `R x = y` holds.
@@ -44,6 +46,13 @@ use crate::{Outcome, Plane, Run, Stop};
 
 /// Bisections of a cell: to the rounding of f32 and beyond.
 const BISECTIONS: usize = 40;
+
+/// How often all that weighted means lack is given back: as often as hard edges gain by it.
+const FIRST: usize = 4;
+/// What is given back after that: residuals above this part of the largest `|y|`.
+const FAR: f64 = 0.02;
+/// How often in all.
+const ROUNDS: usize = 32;
 
 /// Moves `plane` into its bounds, which `samples` decide; its reduction is then `target`, without that `samples`.
 pub(super) fn settle(
@@ -190,6 +199,9 @@ fn together(
     if largest(&residual) > TOLERANCE * peak {
         if target.is_some() {
             moved = give_back(plan, &residual, bounds, plane, LARGEST * peak);
+            if plan.geometry.sampling != Sampling::Box {
+                (outcome.stop, outcome.iterations) = give_on(plan, asked, (bounds, peak), plane, run);
+            }
         } else if plan.geometry.sampling != Sampling::Box {
             plane.clone_from(&free);
             (moved, outcome.stop, outcome.iterations) =
@@ -210,6 +222,30 @@ fn together(
         outcome.stop = Stop::Converged;
     }
     (moved, outcome)
+}
+
+/// Gives back what the first time has left; how that ended, and after how many times more.
+fn give_on(
+    plan: &Plan,
+    asked: &Plane,
+    (bounds, peak): (&Bounds, f64),
+    plane: &mut Plane,
+    run: &Run<'_>,
+) -> (Stop, usize) {
+    for round in 1..ROUNDS {
+        let mut residual = difference(asked, &plan.model.reduce(plane));
+        let near = peak * if round < FIRST { TOLERANCE } else { FAR };
+        let is_near = |value: &&mut f32| f64::from(value.abs()) <= near;
+        residual.pixels_mut().iter_mut().filter(is_near).for_each(|value| *value = 0.0);
+        if largest(&residual) == 0.0 {
+            return (Stop::Converged, round - 1);
+        }
+        if let Some(stop) = run.interrupted() {
+            return (stop, round - 1);
+        }
+        give_back(plan, &residual, bounds, plane, LARGEST * peak);
+    }
+    (Stop::IterationLimit, ROUNDS - 1)
 }
 
 /// Gives the pixels around what the means lack, and takes what they have too much, by the room that each pixel has within its bounds
