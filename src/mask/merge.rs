@@ -13,7 +13,7 @@ use lacuna_filters::Mask;
 
 use super::filled::filled_by;
 use super::{ATTRIBUTE, MakeError, Masks, flags};
-use crate::channels::{Rule, choose, part_label};
+use crate::channels::{Rule, choose, dense, list_dense, part_label};
 use crate::mask::{PATTERN, SEED};
 
 /// The channel that is added to a part without one.
@@ -74,7 +74,7 @@ pub fn merge(
                 other => other,
             })?;
         }
-        let United { unions, different, notes: own, .. } = united;
+        let United { unions, complete, different, notes: own } = united;
         notes.extend(own.into_iter().map(|note| format!("{label}{note}")));
         if different > 0 {
             let pixels = if different == 1 { "1 pixel" } else { &format!("{different} pixels") };
@@ -85,7 +85,8 @@ pub fn merge(
         measured += unions.iter().map(|(union, _)| union.count()).sum::<usize>();
         all += unions.iter().map(|(union, _)| union.as_slice().len()).sum::<usize>();
         if !unions.is_empty() {
-            finish(part, &unions, from_elsewhere).map_err(|why| MakeError::Other(format!("{label}{why}")))?;
+            finish(part, (unions, &complete), from_elsewhere)
+                .map_err(|why| MakeError::Other(format!("{label}{why}")))?;
             notes.extend(forget(&mut part.attributes).map(|note| format!("{label}{note}")));
         }
     }
@@ -126,6 +127,8 @@ impl Held {
 struct United {
     /// Pixels that either render measured, each different set once, and the first channel that has it.
     unions: Vec<(Mask, String)>,
+    /// Channels that lack nothing.
+    complete: Vec<String>,
     /// The most pixels of a channel in which the renders differ, though both measured them.
     different: usize,
     /// One line each.
@@ -161,6 +164,9 @@ fn unite(
                 clear(target, neither);
             }
             let union = union(own, new)?;
+            if union.is_full() {
+                united.complete.push(name.clone());
+            }
             if united.unions.iter().all(|(other, _)| *other != union) {
                 united.unions.push((union, name));
             }
@@ -277,8 +283,18 @@ fn set(samples: &mut Samples, mask: &Mask) {
 
 /// Adds a mask channel where the mask came from another file, beside a channel of that name that says something else, and drops what the attributes say
 /// about the first pattern.
-fn finish(part: &mut Part, unions: &[(Mask, String)], add: bool) -> Result<(), String> {
-    if let ([(mask, a), others @ ..], true) = (unions, add) {
+fn finish(
+    part: &mut Part,
+    (mut unions, complete): (Vec<(Mask, String)>, &[String]),
+    add: bool,
+) -> Result<(), String> {
+    if add && unions.len() > 1 {
+        // Its own alpha says so, but the mask that is added would not.
+        unions.retain(|(mask, _)| !mask.is_full());
+        let known = dense(part);
+        list_dense(part, complete.iter().filter(|name| !known.contains(name)).map(String::as_str));
+    }
+    if let ([(mask, a), others @ ..], true) = (unions.as_slice(), add) {
         if let Some((_, b)) = others.first() {
             return Err(format!(
                 "{a} and {b} have masks of their own, which one channel cannot hold: write them into the renders as LAYER.mask, or merge such \

@@ -155,6 +155,11 @@ fn masks_that_one_channel_cannot_hold_are_refused() {
     // What either measured may be the same.
     let both = merged(&a, &layers([1.0; 4], [0.0, 1.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0])).unwrap();
     assert_eq!(values(&both.frame.parts[0], "mask"), [1.0, 1.0, 0.0, 0.0]);
+    // A layer whose own alpha is full lacks nothing, and goes on lacking nothing.
+    let of = |own: [f32; 4]| layers(own, own, [1.0; 4]);
+    let both = merged(&of([1.0, 0.0, 0.0, 0.0]), &of([0.0, 1.0, 0.0, 0.0])).unwrap().frame;
+    assert_eq!(values(&both.parts[0], "mask"), [1.0, 1.0, 0.0, 0.0]);
+    assert_eq!(dense(&both.parts[0]), ["d.A", "d.R"]);
 }
 
 #[test]
