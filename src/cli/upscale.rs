@@ -56,8 +56,8 @@ const GUIDES_FROM: &str =
 /// Make EXR frames larger, and fill them if pixels are missing
 ///
 /// Reads frames rendered at a low resolution and writes them at a higher one. The result, reduced again as a pixel of the renderer
-/// does it, is the input, so that light and highlights keep their energy where a pixel is a mean (--sampling box, gaussian, mitchell);
-/// a sample at a point says nothing of energy. No light becomes negative. Every channel by its rule: colour is
+/// does it, is the input where bounds allow it, so that light and highlights keep their energy where a pixel is a mean: with --sampling box, and
+/// with gaussian and mitchell except beside hard edges; a sample at a point says nothing of energy. No light becomes negative. Every channel by its rule: colour is
 /// reconstructed, normals keep their lengths, depths, identifiers and kept channels take the value of the pixel they lie in, motion
 /// vectors grow with the frame.
 /// Frames without a mask are complete.

@@ -222,8 +222,7 @@ fn learn(
                 stored.write(&job.output).map_err(|error| PlanError::Failed(error.to_string()))
             });
             if let Some(error) = written.err().filter(|_| !warned) {
-                let text =
-                    "the dictionary so far cannot be written, and is lost unless that ends before it is done";
+                let text = "the dictionary so far cannot be written, and is lost unless it can be written by the end of training";
                 console.warning(&format!("{}: {text}: {error}", job.output.display()));
                 warned = true;
             }

@@ -94,7 +94,7 @@ impl Rounds {
         let (target, count) = (target?, self.rounds.len());
         let Some(error) = self.rounds.last()?.estimated_error else {
             return Some(Err(format!(
-                "whether the target error of {target} is reached is not known, as all measured values are alike, or none is finite"
+                "whether the target error of {target} is reached is not known, as the values of every channel are alike, or none is finite"
             )));
         };
         if error <= target {
