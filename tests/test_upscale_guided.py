@@ -110,12 +110,18 @@ def test_what_is_sparse_is_not_taken(given):
     assert all(frames.same_bits(got[name], plane) for name, plane in known.items() if name not in ("Z", "mask"))
 
 
+def flat(side, value):
+    return np.full((side, side), value, np.float32)
+
+
 def parts(path, planes):
-    OpenEXR.File([frames.part(planes[name], name=name) for name in planes]).write(str(path))
+    # Parts of a file share a display window.
+    side = max(len(plane) for channels in planes.values() for plane in channels.values())
+    display = ((0, 0), (side - 1, side - 1))
+    OpenEXR.File([frames.part(planes[name], display=display, name=name) for name in planes]).write(str(path))
 
 
 def test_a_channel_is_taken_from_the_part_of_its_name(tmp_path):
-    flat = lambda side, value: np.full((side, side), value, np.float32)
     light = {name: large()[0][name].astype(np.float32) for name in "RGB"}
     parts(tmp_path / "small.exr", {name: light | {"Z": flat(SIDE, z)} for name, z in (("a", 1), ("b", 2), ("c", 3))})
     taken = lambda: [part.channels["Z"].pixels[0, 0] for part in OpenEXR.File(str(tmp_path / "out.exr"), separate_channels=True).parts]
@@ -124,7 +130,14 @@ def test_a_channel_is_taken_from_the_part_of_its_name(tmp_path):
     assert "other parts" not in upscale(tmp_path, *words).stderr and taken() == [10, 20, 30]
     parts(tmp_path / "aovs.exr", {name: {"Z": flat(2 * SIDE, z)} for name, z in (("x", 10), ("y", 20))})
     told = upscale(tmp_path, *words).stderr
-    assert taken() == [10, 20, 10] and told.count("other parts of the guides' file have that name") == 1, told
+    assert taken() == [10, 20, 10] and told.count("other parts of the guides' file have that name") == 3 and "Z of part 1 (y): taken" in told, told
+    # A part of other pixels is passed over, and named, as long as another one fits.
+    parts(tmp_path / "aovs.exr", {"a": {"Z": flat(SIDE, 10)}, "x": {"Z": flat(2 * SIDE, 20)}})
+    told = upscale(tmp_path, *words).stderr
+    assert taken() == [20] * 3 and "Z of part 1 (x): taken" in told, told
+    parts(tmp_path / "aovs.exr", {"a": {"Z": flat(SIDE, 10)}, "x": {"albedo.R": flat(2 * SIDE, 20)}})
+    told = upscale(tmp_path, *words).stderr
+    assert taken() == [1, 2, 3] and "Z of part 0 (a): of other pixels" in told and "but light" not in told, told
 
 
 def test_channels_of_other_pixels_are_not_passed_over(given):
@@ -137,6 +150,12 @@ def test_channels_of_other_pixels_are_not_passed_over(given):
     frames.write(given / "other.exr", {"elsewhere": large()[1]["Z"]})
     told = upscale(given, "--guides-from", given / "other.exr", "--guides", "none", "--take-guides").stderr
     assert "no channel of this frame but light" in told
+    # Once for the frame, and not where another part takes something.
+    parts(given / "small.exr", {"colour": {"R": flat(SIDE, 1)}, "depth": {"Z": flat(SIDE, 1)}})
+    for channel, count in (("Z", 0), ("albedo", 1)):
+        parts(given / "aovs.exr", {"depth": {channel: flat(2 * SIDE, 3)}, "more": {"albedo": flat(2 * SIDE, 3)}})
+        told = upscale(given, "--guides-from", given / "aovs.exr", "--guides", "none", "--take-guides").stderr
+        assert told.count("no channel of this frame but light") == count, told
 
 
 def test_guides_that_can_steer_nothing_are_told(given):

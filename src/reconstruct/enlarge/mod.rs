@@ -129,6 +129,7 @@ pub fn enlarge(
     let (finite, lost) = finite(&frame, masks, choices)?;
     let second = second.map(Second::new);
     let known = Known { masks, second: second.as_ref(), asked, stamp: &stamp, plans, run };
+    report.notes.extend(second.as_ref().and_then(|second| takes_none(&frame, choices, second, asked)));
     for (index, (choices, lost)) in choices.iter().zip(&lost).enumerate() {
         let done = part(&mut frame, (index, choices.clone()), (&finite, lost), job, &known)?;
         let label = part_label(&frame, index);
@@ -302,6 +303,33 @@ fn idle(found: &[Guide], geometry: Geometry) -> Option<String> {
     })
 }
 
+/// That the second frame has nothing to take for any part.
+fn takes_none(
+    frame: &Frame,
+    choices: &[Vec<Choice>],
+    second: &Second<'_>,
+    asked: &Enlarge,
+) -> Option<String> {
+    let has_none = |(part, choices): (&Part, &Vec<Choice>)| {
+        let mut channels = part.channels.iter().zip(choices);
+        channels.all(|(channel, choice)| named(part, channel, choice, second.frame).is_empty())
+    };
+    (asked.take_guides && frame.parts.iter().zip(choices).all(has_none))
+        .then(|| "--take-guides: the guides' file has no channel of this frame but light".into())
+}
+
+/// Where a second frame has a channel that is no light: in which parts, at which place.
+fn named(part: &Part, channel: &Channel, choice: &Choice, second: &Frame) -> Vec<(usize, usize)> {
+    let is_mask = choice.by == DecidedBy::SamplingMask || channel.name == b"mask";
+    if is_mask || (choice.rule == Rule::Fill && crate::channels::is_light(&channel.display_name())) {
+        return Vec::new();
+    }
+    let parts = &second.parts;
+    let seen = parts.iter().enumerate().filter(|(_, other)| parts.len() == 1 || other.view() == part.view());
+    let place = |other: &Part| other.channels.iter().position(|own| own.name == channel.name);
+    seen.filter_map(|(at, other)| Some((at, place(other)?))).collect()
+}
+
 /// The channels of the second frame, over the larger window, that stand for those of the part which are no light; they are kept.
 fn take(
     (part, index): (&Part, usize),
@@ -311,50 +339,41 @@ fn take(
     notes: &mut Vec<String>,
 ) -> Result<Vec<Option<Samples>>, Error> {
     let parts = &second.frame.parts;
-    let (mut sparse, mut doubtful, mut is_none) = (Vec::new(), Vec::new(), true);
+    let [mut sparse, mut other, mut doubtful] = [const { Vec::new() }; 3];
     let mut one = |channel: &Channel, choice: &mut Choice| {
+        let named = named(part, channel, choice, second.frame);
+        let strange = |at: usize| parts[at].name() != part.name();
+        let rank = |&&(at, _): &&(usize, usize)| (parts[at].data_window != window, strange(at), at != index);
+        let &(at, found) = named.iter().min_by_key(rank)?;
+        let label = part_label(second.frame, at);
         let name = channel.display_name();
-        let is_mask = choice.by == DecidedBy::SamplingMask || channel.name == b"mask";
-        if is_mask || (choice.rule == Rule::Fill && crate::channels::is_light(&name)) {
-            return Ok(None);
+        let name = if label.is_empty() { name.into_owned() } else { format!("{name} of {label}") };
+        if parts[at].data_window != window {
+            other.push(name);
+            return None;
         }
-        let seen =
-            parts.iter().enumerate().filter(|(_, other)| parts.len() == 1 || other.view() == part.view());
-        let mut named: Vec<(usize, usize)> = seen
-            .filter_map(|(at, other)| {
-                Some((at, other.channels.iter().position(|own| own.name == channel.name)?))
-            })
-            .collect();
-        is_none &= named.is_empty();
-        let is_other = !named.is_empty();
-        named.retain(|(at, _)| parts[*at].data_window == window);
-        let strange = |at: usize| (parts[at].name() != part.name(), at != index);
-        let Some(&(at, found)) = named.iter().min_by_key(|(at, _)| strange(*at)) else {
-            return if is_other { Err(guides::of_other_pixels(window)) } else { Ok(None) };
-        };
         if !second.is_complete(at, found) {
-            sparse.push(name.into_owned());
-            return Ok(None);
+            sparse.push(name);
+            return None;
         }
-        if named.len() > 1 && strange(at) == (true, true) {
-            doubtful.push(format!("{name} of {}", part_label(second.frame, at)));
+        if named.len() > 1 && strange(at) {
+            doubtful.push(name);
         }
         choice.guide();
-        Ok(Some(parts[at].channels[found].samples.clone()))
+        Some(parts[at].channels[found].samples.clone())
     };
-    let taken = part.channels.iter().zip(choices).map(|(channel, choice)| one(channel, choice));
-    let taken = taken.collect::<Result<Vec<_>, _>>()?;
-    if !sparse.is_empty() {
-        notes.push(format!("--take-guides: {}: sparse in the guides' file, and enlarged", sparse.join(", ")));
+    let taken = part.channels.iter().zip(choices).map(|(channel, choice)| one(channel, choice)).collect();
+    if !other.is_empty() && parts.iter().all(|part| part.data_window != window) {
+        return Err(guides::of_other_pixels(window).into());
     }
-    if !doubtful.is_empty() {
-        let names = doubtful.join(", ");
-        notes.push(format!(
-            "--take-guides: {names}: taken, though other parts of the guides' file have that name, too"
-        ));
-    }
-    if is_none {
-        notes.push("--take-guides: the guides' file has no channel of this frame but light".into());
+    for (names, what) in [
+        (sparse, "sparse in the guides' file, and enlarged"),
+        (other, "of other pixels in the guides' file, and enlarged"),
+        (doubtful, "taken, though other parts of the guides' file have that name, too"),
+    ] {
+        if !names.is_empty() {
+            notes.push(format!("--take-guides: {}: {what}", names.join(", ")));
+        }
     }
     Ok(taken)
 }
