@@ -96,6 +96,7 @@ def test_what_is_no_noise_is_refused(tmp_path):
     cases = [
         (planes | {f"half2.{name}": planes[f"half1.{name}"] for name in "RGB"}, "halves:half1,half2", "are the same"),
         (planes | {f"half2.{name}": 2 * planes[f"half1.{name}"] for name in "RGB"}, "halves:half1,half2", "do not average to"),
+        (planes | {f"half{k}.{name}": np.full_like(planes["R"], np.nan) for k in (1, 2) for name in "RGB"}, "halves:half1,half2", "not finite at any"),
         (planes, "halves:a,b", "no such layer"),
         (planes, "variance:R", "a colour, no variance"),
         (planes | flat, "variance:v", "nowhere above 0"),

@@ -301,10 +301,14 @@ fn like(
         }
     }
     let name = |at: usize| part.channels[at].display_name();
-    Ok(Noise::like(planes, samples, &group.mask).map_err(|_| match known[0] {
-        Known::Halves([a, b]) => same(name(a), name(b)),
-        Known::Variance(at) => Doubt {
-            why: format!("{} is nowhere above 0 and finite at measured pixels", name(at)),
+    Ok(Noise::like(planes, samples, &group.mask).map_err(|untold| match (known[0], untold) {
+        (Known::Halves([a, b]), Untold::NotFinite) => Doubt {
+            why: format!("{} and {} are {untold} together", name(a), name(b)),
+            way: "name halves that were written, or leave --noise out",
+        },
+        (Known::Halves([a, b]), _) => same(name(a), name(b)),
+        (Known::Variance(at), _) => Doubt {
+            why: format!("{} is {}", name(at), Untold::Nowhere),
             way: "leave --noise out, or write --noise auto",
         },
     }))

@@ -208,7 +208,10 @@ fn noise((kind, known): (&str, &[Planes]), values: Values, samples: &Planes, mas
         }
         _ => return Err(refused(&"give one array or two")),
     };
-    planes.and_then(|planes| Noise::like(planes, samples, mask)).map_err(|why| refused(&why))
+    planes.and_then(|planes| Noise::like(planes, samples, mask)).map_err(|why| match why {
+        Untold::Nowhere if known.len() == 2 => refused(&Untold::SameHalves),
+        _ => refused(&why),
+    })
 }
 
 /// The settings by which a filter smooths by weights, in words.

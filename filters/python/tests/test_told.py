@@ -152,6 +152,8 @@ def test_guides_and_twins_that_are_sparse_like_the_image_count_for_nothing(clear
         (np.zeros((72, 88), np.float32), "noise: nowhere above 0"),
         (np.full((72, 88), -1, np.float32), "noise: -1 at a measured pixel is no variance"),
         ((picture(), picture()), "noise: both halves are the same"),
+        ((picture(), picture()), "noise: both halves are the same$"),
+        ((np.full((72, 88), np.nan, np.float32),) * 2, "noise: not finite at any measured pixel"),
         ((picture() * 2, picture()), "noise: the halves do not average to the image"),
     ],
 )

@@ -526,6 +526,8 @@ def _fill(
         warnings.warn(line, UserWarning, stacklevel=3)
     if noisy != "none" and not told["smoothed"]:
         line = "noise: none that could be told from detail, so that nothing is smoothed; where there is some, half buffers tell it"
+        if noisy != "auto":
+            line = "noise: too little, or known at too few pixels, so that nothing is smoothed"
         warnings.warn(line, UserWarning, stacklevel=3)
     return filled if deep else filled[:, :, 0], estimated(told, white)
 
