@@ -355,7 +355,7 @@ impl Work<'_> {
         let failed = |error| self.at(0, error);
         if wanted.has(Measure::Cieluv) {
             let chromaticities = chromaticities(self.parts().0);
-            maps.cieluv = Some(luv::difference(reference, test, &chromaticities).map_err(failed)?);
+            maps.cieluv = Some(luv::difference(reference, test, &chromaticities, peak).map_err(failed)?);
         }
         if wanted.has(Measure::Flip) {
             let map = flip::display(reference, test, flip::PIXELS_PER_DEGREE, peak).map_err(failed)?;

@@ -151,7 +151,7 @@ impl Measure {
 
     /// Whether it tells values apart that clipping makes equal.
     pub fn sees_all(self) -> bool {
-        matches!(self, Self::RelativeMse | Self::LogPsnr | Self::Cieluv | Self::HdrFlip | Self::Different)
+        matches!(self, Self::RelativeMse | Self::LogPsnr | Self::HdrFlip | Self::Different)
     }
 
     /// Whether it is of a frame and the one before.

@@ -2,7 +2,7 @@
 //!
 //! `L* = 116 (Y/Yn)^(1/3) - 16` (linear below `(6/29)^3`), `u* = 13 L* (u' - u'n)`, `v* = 13 L* (v' - v'n)` with
 //! `u' = 4 X / (X + 15 Y + 3 Z)`, `v' = 9 Y / (X + 15 Y + 3 Z)`; the error of a pixel is the Euclidean distance.
-//! Linear RGB is clipped to 0 to 1 first: the space is one of displays.
+//! Linear RGB over the peak is clipped to 0 to 1 first: the space is one of displays.
 //!
 //! Source: CIE 15:2018, "Colorimetry", section 8.2.2; used for error images as in the thesis that lacuna follows,
 //! "Compressive Volume Rendering", section 4.2 (error range 0 to 20 as grey).
@@ -13,7 +13,7 @@ use super::colour::{Chromaticities, Matrix, apply};
 use super::same_size;
 use crate::{Error, Plane};
 
-/// The distance of each pixel, from three planes of linear red, green and blue each.
+/// The distance of each pixel, from three planes of linear red, green and blue each; `peak` is white.
 ///
 /// # Errors
 /// [`Error::SizeMismatch`]; [`Error::Setting`] for primaries that lie on a line.
@@ -21,6 +21,7 @@ pub fn difference(
     reference: [&Plane; 3],
     test: [&Plane; 3],
     chromaticities: &Chromaticities,
+    peak: f32,
 ) -> Result<Plane, Error> {
     let size = reference[0].size();
     same_size(size, &reference)?;
@@ -35,7 +36,7 @@ pub fn difference(
     map.pixels_mut().par_chunks_mut(size.width.max(1)).enumerate().for_each(|(y, out)| {
         for (x, out) in out.iter_mut().enumerate() {
             let [a, b] = [reference, test].map(|rgb| {
-                to_luv(rgb.map(|plane| f64::from(plane.at(y, x)).clamp(0.0, 1.0)), &matrix, white)
+                to_luv(rgb.map(|plane| f64::from(plane.at(y, x) / peak).clamp(0.0, 1.0)), &matrix, white)
             });
             let squares: f64 = a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum();
             *out = squares.sqrt() as f32;
@@ -84,11 +85,17 @@ mod tests {
         let (a, b) = ([plane(0), plane(1), plane(2)], [plane(3), plane(4), plane(5)]);
         let refs = |planes: &[Plane; 3]| -> [Plane; 3] { planes.clone() };
         let (a, b) = (refs(&a), refs(&b));
-        let difference = |a: &[Plane; 3], b: &[Plane; 3]| {
-            difference([&a[0], &a[1], &a[2]], [&b[0], &b[1], &b[2]], &Chromaticities::default()).unwrap()
+        let with_peak = |a: &[Plane; 3], b: &[Plane; 3], peak: f32| {
+            difference([&a[0], &a[1], &a[2]], [&b[0], &b[1], &b[2]], &Chromaticities::default(), peak)
+                .unwrap()
         };
+        let difference = |a: &[Plane; 3], b: &[Plane; 3]| with_peak(a, b, 1.0);
         assert!(difference(&a, &a).pixels().iter().all(|&value| value == 0.0));
         assert_eq!(difference(&a, &b), difference(&b, &a));
         assert!(difference(&a, &b).pixels().iter().any(|&value| value > 1.0));
+        let bright = |planes: &[Plane; 3]| {
+            planes.clone().map(|plane| Plane::from_fn(plane.size(), |y, x| 64.0 * plane.at(y, x)))
+        };
+        assert_eq!(with_peak(&bright(&a), &bright(&b), 64.0), difference(&a, &b));
     }
 }
