@@ -1,8 +1,12 @@
 """The HTML report in a headless Chromium: the slider moves, the zoom shows the right values, sorting sorts, nothing leaves the page."""
 
+import base64
+import csv
+import io
 import os
 import re
 
+import imageio.v3
 import numpy as np
 import pytest
 
@@ -141,6 +145,101 @@ def test_every_table_fits_and_every_picture_says_what_it_is(report):
 def test_a_phone_needs_no_sideways_scrolling(report):
     with open_page(report, width=390, height=800) as page:
         assert page.run("document.documentElement.scrollWidth") <= 390
+
+
+def shown(folder, one, other, then, **header):
+    """What `then` finds on the page of two frames, each given by its channels."""
+    paths = [frames.write(folder / f"{k}.exr", channels, **header) for k, channels in enumerate((one, other))]
+    tool.lacuna("compare", "-q", *paths, "--html", folder / "page.html", "--csv", folder / "all.csv")
+    with chromium.Page((folder / "page.html").as_uri()) as page:
+        page.wait("document.body.dataset.ready !== undefined")
+        then(page)
+        assert page.messages == []
+
+
+LEVEL = "lacuna.level(lacuna.viewer.frame, '%s', %d)"
+PAINTED = "[...lacuna.paint(lacuna.viewer.frame, '%s', lacuna.viewer.state).getContext('2d').getImageData(%d, 0, 1, 1).data]"
+
+
+def test_an_outlier_hides_no_other_error(tmp_path):
+    one = np.full((20, 30), 0.25, np.float32)
+    other = one + np.float32(0.01)
+    other[0, 0] = 5000
+
+    def then(page):
+        assert page.run(LEVEL % ("error", 40)) == pytest.approx(0.01, rel=0.05)
+        assert page.run(LEVEL % ("error", 0)) == pytest.approx(5000, rel=2e-3)
+        assert page.run("lacuna.viewer.values('error', 5, 5)") == ["0.010"]
+
+    shown(tmp_path, dict.fromkeys("RGB", one), dict.fromkeys("RGB", other), then)
+
+
+def test_black_and_faint_frames_have_values(tmp_path):
+    for number, value in enumerate((0, 1e-20)):
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        plane = np.full((20, 30), value, np.float32)
+        found = []
+        shown(folder, dict.fromkeys("RGB", plane), dict.fromkeys("RGB", plane), lambda page: found.append(page.run("lacuna.viewer.frame.value(lacuna.viewer.frame.test, 0, 7)")))
+        assert abs(found[0] - value) <= 1e-3 * value
+        text = (folder / "page.html").read_text()
+        assert "to within 0.01 %" in text and "dark ones to within 0e0" not in text
+
+
+def test_what_is_not_finite_is_told_and_drawn(tmp_path):
+    one = np.full((20, 30), 0.25, np.float32)
+    other = one.copy()
+    other[0, 3], other[0, 4] = np.nan, np.inf
+
+    def then(page):
+        for at in (3, 4):
+            for view in ("result", "error", "cieluv"):
+                assert page.run(PAINTED % (view, at)) == [0, 255, 255, 255], view
+            assert page.run(f"lacuna.viewer.values('error', {at}, 0)") == ["n/a"]
+        assert page.run(PAINTED % ("error", 5))[:3] == [0, 0, 4]
+        heads = page.run("[...document.querySelectorAll('#frames thead th')].map(one => one.textContent)")
+        assert "new-nan" in heads and "new-inf" in heads, heads
+
+    shown(tmp_path, dict.fromkeys("RGB", one), dict.fromkeys("RGB", other), then)
+    picture = re.search(r'alt="error x 10 of [^"]*" src="data:image/png;base64,([^"]+)"', (tmp_path / "page.html").read_text())[1]
+    picture = imageio.v3.imread(io.BytesIO(base64.b64decode(picture)))
+    assert picture[0, 3].tolist() == picture[0, 4].tolist() == [0, 255, 255] and picture[0, 5].tolist() == [0, 0, 4]
+    found = []
+    shown(tmp_path, dict.fromkeys("RGB", one), dict.fromkeys("RGB", one), lambda page: found.append(page.run("document.querySelector('#frames thead').textContent")))
+    assert "psnr" in found[0] and "new-nan" not in found[0]
+
+
+def test_cieluv_is_the_measure_of_the_table(tmp_path):
+    rows, columns = np.indices((20, 30), dtype=np.float32)
+    one = {"R": rows / 40, "G": columns / 60, "B": (rows + columns) / 100}
+    other = {name: plane * np.float32(0.8) for name, plane in one.items()}
+    wide = (0.713, 0.293, 0.165, 0.830, 0.128, 0.044, 0.32168, 0.33767)
+
+    def then(page):
+        mean = np.mean(page.run(f"[...Array(600).keys()].map(at => {LEVEL.replace('%d', 'at') % 'cieluv'})"))
+        told = [row for row in csv.DictReader((tmp_path / "all.csv").open()) if row["region"] == "all" and row["cieluv"]]
+        assert mean == pytest.approx(float(told[0]["cieluv"]), rel=5e-3)
+
+    shown(tmp_path, one, other, then, chromaticities=wide)
+    found = []
+    shown(tmp_path, {"Z": rows}, {"Z": rows + 1}, lambda page: found.extend(page.run("lacuna.viewer.views()")))
+    assert found == ["reference", "result", "error", "ssim"]
+
+
+def test_pixels_are_as_wide_as_the_file_says_and_wide_frames_as_high_as_can_be_seen(tmp_path):
+    def then(page):
+        assert page.run("document.querySelector('#frames img').width / document.querySelector('#frames img').height") == pytest.approx(3, rel=0.1)
+        left, top, width, height = page.run(BOX)
+        scale = page.run("lacuna.viewer.scale(lacuna.viewer.cells()[0])")
+        page.mouse("mouseMoved", left + width / 2 + 4.5 * 2 * scale, top + height / 2, button="none", buttons=0)
+        assert page.run("document.getElementById('readout').textContent").startswith("Pixel (34, 20)")
+
+    plane = np.full((40, 60), 0.5, np.float32)
+    shown(tmp_path, dict.fromkeys("RGB", plane), dict.fromkeys("RGB", plane), then, pixelAspectRatio=2.0)
+    plane = np.full((1, 900), 0.5, np.float32)
+    found = []
+    shown(tmp_path, dict.fromkeys("RGB", plane), dict.fromkeys("RGB", plane), lambda page: found.append(page.run("document.querySelector('#frames img').height")))
+    assert found[0] >= 4
 
 
 @pytest.mark.data

@@ -100,7 +100,8 @@ fn title(heading: &Heading, records: &[Record]) -> String {
     let what = if heading.command == "render" { "rendered" } else { "filled" };
     match records {
         [one] => format!("{} {what}", name(one)),
-        [first, .., last] => format!("{} to {}: {} frames {what}", name(first), name(last), records.len()),
+        // How many were done stands below.
+        [first, .., last] => format!("{} to {}, {what}", name(first), name(last)),
         [] => "No frames".into(),
     }
 }

@@ -1,6 +1,6 @@
 //! Pixels as codes on a logarithmic scale, packed for a page: few bytes, decoded exactly to the step that is stated.
 //!
-//! A value `v` has the code `c(v) = sign(v) round(L log2(1 + 64 |v|) / log2(1 + 64 V))`, `V` the largest absolute value of
+//! A value `v` has the code `c(v) = sign(v) round(L ln(1 + 64 |v|) / ln(1 + 64 V))`, `V` the largest absolute value of
 //! the images and `L` the number of levels: linear in the dark, relative steps in the light. `L` is the largest of a few for
 //! which the entropy of what is packed fits the budget; the page states the step. What is not finite has the code `L + 1`.
 //!
@@ -22,7 +22,7 @@ const KNEE: f64 = 64.0;
 /// Levels to choose from.
 const LEVELS: [i32; 11] = [16383, 8191, 4095, 2047, 1535, 1023, 767, 639, 511, 383, 255];
 /// Bytes a pixel that the images may take.
-const BUDGET: f64 = 0.55;
+pub const BUDGET: f64 = 0.55;
 /// Images up to this number of pixels always get all levels.
 const SMALL: usize = 1 << 16;
 
@@ -40,19 +40,19 @@ pub struct Codes {
 }
 
 impl Codes {
-    /// Packs images of three planes each.
-    pub fn new(first: [&Plane; 3], second: Option<[&Plane; 3]>) -> Self {
+    /// Packs images of three planes each, in about `budget` bytes a pixel.
+    pub fn new(first: [&Plane; 3], second: Option<[&Plane; 3]>, budget: f64) -> Self {
         let all = || first.iter().chain(second.iter().flatten()).flat_map(|plane| plane.pixels());
         let largest =
             all().filter(|value| value.is_finite()).fold(0.0_f32, |most, value| most.max(value.abs()));
         let largest = f64::from(largest.max(f32::MIN_POSITIVE));
-        let whole = (1.0 + KNEE * largest).log2();
+        let whole = (KNEE * largest).ln_1p();
         let first = Logarithms::new(first, whole);
         let second = second.map(|second| Logarithms::new(second, whole));
         let pixels = first.planes[0].len();
         // Finer levels take more bytes, so that halving the list asks for few of them.
         let too_fine =
-            |&levels: &i32| pixels > SMALL && bytes(&first, second.as_ref(), levels) > BUDGET * pixels as f64;
+            |&levels: &i32| pixels > SMALL && bytes(&first, second.as_ref(), levels) > budget * pixels as f64;
         let levels = LEVELS[LEVELS.partition_point(too_fine).min(LEVELS.len() - 1)];
         let (first, second) = codes(&first, second.as_ref(), levels);
         let (first, second) = rayon::join(|| packed(&first), || second.map(|second| packed(&second)));
@@ -61,9 +61,10 @@ impl Codes {
 }
 
 impl Codes {
-    /// The step from one level to the next over the value, for bright values.
-    pub fn relative_step(&self) -> f64 {
-        ((1.0 + KNEE * self.largest).log2() / f64::from(self.levels)).exp2() - 1.0
+    /// The steps from one level to the next at 0, and at the largest value over that value.
+    pub fn steps(&self) -> (f64, f64) {
+        let dark = ((KNEE * self.largest).ln_1p() / f64::from(self.levels)).exp_m1() / KNEE;
+        (dark, dark * (1.0 + KNEE * self.largest) / self.largest)
     }
 }
 
@@ -93,7 +94,7 @@ impl Logarithms {
     /// `whole` is the logarithm of the largest value.
     fn new(image: [&Plane; 3], whole: f64) -> Self {
         let of = |&value: &f32| {
-            let log = (1.0 + KNEE * f64::from(value.abs())).log2() / whole;
+            let log = (KNEE * f64::from(value.abs())).ln_1p() / whole;
             if value.is_finite() { (log as f32).copysign(value) } else { f32::NAN }
         };
         Self { planes: image.map(|plane| plane.pixels().par_iter().map(of)), width: image[0].size().width }
@@ -206,16 +207,14 @@ mod tests {
     fn codes_are_exact_to_half_a_step_and_differences_too() {
         let values = [0.0, 1e-4, -0.3, 0.5, 0.5004, 9.99, 10.0, f32::NAN];
         let plane = Plane::new(lacuna_filters::Size::new(1, values.len()), values.to_vec()).unwrap();
-        let whole = (1.0 + KNEE * 10.0).log2();
+        let whole = (KNEE * 10.0_f64).ln_1p();
         let logs = Logarithms::new([&plane; 3], whole);
         let levels = 1023;
         let back = |code: i16| {
-            let size = (f64::from(code.abs()) / f64::from(levels) * whole).exp2() - 1.0;
+            let size = (f64::from(code.abs()) / f64::from(levels) * whole).exp_m1();
             size / KNEE * f64::from(code.signum())
         };
-        let step = |value: f32| {
-            (f64::from(value.abs()) + 1.0 / KNEE) * std::f64::consts::LN_2 * whole / f64::from(levels)
-        };
+        let step = |value: f32| (f64::from(value.abs()) + 1.0 / KNEE) * whole / f64::from(levels);
         for (&value, &log) in values.iter().zip(&logs.planes[0]).filter(|(value, _)| value.is_finite()) {
             let error = back(code(log, levels)) - f64::from(value);
             assert!(error.abs() <= 0.51 * step(value), "{value} {error}");
@@ -230,6 +229,19 @@ mod tests {
     }
 
     #[test]
+    fn black_and_the_faintest_values_have_codes() {
+        for faint in [0.0, 1e-30_f32] {
+            let plane = Plane::new(lacuna_filters::Size::new(1, 2), vec![0.0, faint]).unwrap();
+            let codes = Codes::new([&plane; 3], None, BUDGET);
+            let logs = Logarithms::new([&plane; 3], (KNEE * codes.largest).ln_1p());
+            let all: Vec<i16> = logs.planes[0].iter().map(|&log| code(log, codes.levels)).collect();
+            assert_eq!(all, [0, if faint > 0.0 { codes.levels as i16 } else { 0 }]);
+            let (dark, bright) = codes.steps();
+            assert!(dark > 0.0 && (bright * f64::from(codes.levels) - 1.0).abs() < 1e-3, "{dark} {bright}");
+        }
+    }
+
+    #[test]
     fn levels_are_the_most_that_fit() {
         let size = lacuna_filters::Size::new(260, 260);
         let noise = |y: usize, x: usize| ((y * 7919 + x * 104_729) % 1009) as f32 / 1009.0 - 0.5;
@@ -238,8 +250,8 @@ mod tests {
             let image = Plane::from_fn(size, |y, x| (y as f32 / 300.0).sin() * (x as f32 / 400.0).cos());
             let other =
                 Plane::from_fn(size, |y, x| image.pixels()[y * size.width + x] + strength * noise(y, x));
-            let found = Codes::new([&image; 3], Some([&other; 3]));
-            let whole = (1.0 + KNEE * found.largest).log2();
+            let found = Codes::new([&image; 3], Some([&other; 3]), BUDGET);
+            let whole = (KNEE * found.largest).ln_1p();
             let (image, other) = (Logarithms::new([&image; 3], whole), Logarithms::new([&other; 3], whole));
             let fits = |levels: &i32| bytes(&image, Some(&other), *levels) <= BUDGET * size.pixels() as f64;
             assert_eq!(found.levels, LEVELS.into_iter().find(fits).unwrap_or(255), "{strength}");

@@ -11,6 +11,8 @@ use super::shell::shell;
 use super::{element, escape};
 use crate::reconstruct::{Interval, estimated_errors};
 use crate::report::groups::{Kind, pair};
+use crate::report::model::Settings;
+use crate::report::values::Values;
 
 /// A frame of the page.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -68,14 +70,14 @@ impl Pictures {
         };
         let planes: Vec<Plane> = group.channels.iter().map(plane).collect::<Option<_>>()?;
         let mask = mask(group.parts.0, group.channels.first()?.0);
-        let (size, all) = filled_pictures(&planes, mask, filled, width)?;
+        let white = Values::new(group.kind, &Settings::default(), &planes).options.peak;
+        let (size, all) = filled_pictures(part, &planes, mask, filled, (width, white))?;
         let names = group.channels.iter().map(|&(at, _)| part.channels[at].display_name().into_owned());
-        let window = part.data_window;
         let every = || {
             let estimate = estimated_errors(part, &group.layer);
             // A frame that is sparse still is its own sparse input.
             let mask = mask.filter(|_| filled);
-            Pixels::filled(&planes, (window.x_min, window.y_min), mask, estimate.as_ref())
+            Pixels::filled(part, &planes, mask, estimate.as_ref(), white)
         };
         let pixels = (part.size().pixels() <= most).then(every).flatten();
         Some(Self { label: names.collect::<Vec<_>>().join(" "), size, all, pixels })
@@ -104,7 +106,7 @@ pub fn filled(title: &str, about: &[(String, String)], frames: &[Filled]) -> Str
     }
     body.push_str(
         "</dl>\n<p>Nothing was compared: there is no reference. Mask: white is measured. Pictures are smaller than the frames, \
-         clipped to 0 to 1, after the sRGB curve.</p></section>\n</main>\n",
+         clipped to 0 to 1 (without colours to their largest value), after the sRGB curve; what is not finite is cyan.</p></section>\n</main>\n",
     );
     shell(&title, &body, &packed, true)
 }

@@ -68,7 +68,13 @@ fn verdict(comparison: &Comparison) -> String {
     if failing > 0 {
         parts.push(format!("{failing} of {} frames fail: {}", frames.len(), comparison.gate.join(", ")));
     } else if !comparison.gate.is_empty() && broken == 0 {
-        parts.push(format!("all frames pass: {}", comparison.gate.join(", ")));
+        let skipped = frames.iter().filter(|frame| frame.skipped.is_some()).count();
+        let which = match (frames.len() - skipped, skipped) {
+            (_, 0) => "all frames pass".into(),
+            (1, _) => format!("1 frame passes, {skipped} skipped"),
+            (passed, _) => format!("{passed} frames pass, {skipped} skipped"),
+        };
+        parts.push(format!("{which}: {}", comparison.gate.join(", ")));
     }
     let class = if broken + failing > 0 { "bad" } else { "good" };
     let sum = [Measure::Psnr, Measure::Ssim, Measure::Flip]
@@ -147,21 +153,21 @@ fn about(comparison: &Comparison, pictures: &[Option<Picture>], page: &mut Strin
     page.push_str("</dl>\n");
     let shown: Vec<_> = pictures.iter().flatten().filter_map(|picture| picture.pixels.as_ref()).collect();
     if let Some(pixels) = shown.first() {
-        let step = pixels.codes.relative_step() * 100.0;
+        let (dark, bright) = pixels.codes.steps();
         let _ = writeln!(
             page,
             "<p>Regions: <b>all</b> the whole image, <b>missing</b> pixels only, where the reference's <b>alpha</b> is \
              above 0. The numbers in the tables come from the files. The viewer holds every pixel of {} in \
-             {} logarithmic levels: bright values to within {:.2} %, dark ones to within {:.0e}; the maps of absolute error, SSIM and FLIP \
-             have 32 levels, and for large frames half the resolution (the worst of four pixels).</p>",
-            if shown.len() == 1 {
-                "one frame".into()
-            } else {
-                format!("{} frames, the worst ones", shown.len())
+             {} logarithmic levels: bright values to within {:.2} %, dark ones to within {:.0e}; the maps of SSIM and FLIP \
+             have 32 levels, and for large frames half the resolution (the worst of four pixels). What is not finite is cyan.</p>",
+            match shown.len() {
+                1 => "one frame".into(),
+                some if some == pictures.iter().flatten().count() => format!("all {some} frames"),
+                some => format!("{some} frames, the worst ones"),
             },
             pixels.codes.levels,
-            step,
-            step / 100.0 / 64.0,
+            100.0 * bright,
+            dark,
         );
     }
     page.push_str("</section>\n");

@@ -74,14 +74,15 @@ lacuna.start = function () {
   document.body.classList.add('script');
   const $ = (id) => document.getElementById(id);
   const viewer = new lacuna.Viewer(root, () => {
+    const { left, right, grid } = viewer.seen();
     $('split').value = viewer.state.split;
-    $('split').disabled = viewer.state.grid;
-    $('left').value = viewer.state.left;
-    $('right').value = viewer.state.right;
+    $('split').disabled = grid;
+    $('left').value = left;
+    $('right').value = right;
     $('exposure').value = viewer.state.exposure;
     $('stops').value = `${viewer.state.exposure >= 0 ? '+' : ''}${viewer.state.exposure}`;
     $('curve').value = viewer.state.curve;
-    $('grid').setAttribute('aria-pressed', viewer.state.grid);
+    $('grid').setAttribute('aria-pressed', grid);
     // For what only an image of errors has.
     $('gain').parentElement.hidden = !viewer.shown().some((view) => view === 'error' || view === 'estimate');
   });
@@ -108,7 +109,7 @@ lacuna.start = function () {
     }
     for (const id of ['left', 'right']) {
       $(id).replaceChildren(...viewer.views().map((view) => new Option(lacuna.NAMES[view], view)));
-      $(id).value = viewer.state[id];
+      $(id).value = viewer.seen()[id];
     }
     document.body.dataset.ready = index;
   };
@@ -116,11 +117,14 @@ lacuna.start = function () {
     const at = sources.findIndex((source) => source.dataset.index === String(viewer.index));
     return lacuna.open(sources[(at + by + sources.length) % sources.length].dataset.index);
   };
+  let turn = 0;
   const play = async () => {
     viewer.playing = !viewer.playing;
+    const own = ++turn;
     $('play').setAttribute('aria-pressed', viewer.playing);
     $('play').textContent = viewer.playing ? 'Stop' : 'Play';
-    while (viewer.playing) {
+    // Another loop may have begun while this one waited.
+    while (viewer.playing && own === turn) {
       await Promise.all([step(1), new Promise((resolve) => setTimeout(resolve, 1000 / 12))]);
     }
   };
@@ -169,7 +173,7 @@ lacuna.pointer = function (viewer, readout) {
     const [x, y] = place(event);
     held.set(event.pointerId, [x, y]);
     canvas.setPointerCapture(event.pointerId);
-    slides = held.size === 1 && !viewer.state.grid && Math.abs(x - viewer.state.split * canvas.getBoundingClientRect().width) < 14;
+    slides = held.size === 1 && !viewer.seen().grid && Math.abs(x - viewer.state.split * canvas.getBoundingClientRect().width) < 14;
   });
   canvas.addEventListener('pointermove', (event) => {
     const [x, y] = place(event);
@@ -185,7 +189,7 @@ lacuna.pointer = function (viewer, readout) {
       viewer.set({ split: Math.min(1, Math.max(0, x / canvas.getBoundingClientRect().width)) });
     } else {
       const at = viewer.pixel(x, y);
-      if (at) viewer.pan((before[0] - x) * ratio / at.scale, (before[1] - y) * ratio / at.scale);
+      if (at) viewer.pan((before[0] - x) * ratio / at.scale / viewer.frame.aspect, (before[1] - y) * ratio / at.scale);
     }
     held.set(event.pointerId, [x, y]);
   });

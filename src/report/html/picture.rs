@@ -2,16 +2,24 @@
 
 use std::collections::BTreeMap;
 
+use lacuna_exr::Part;
+use lacuna_filters::metric::colour::{Matrix, srgb_encode};
 use lacuna_filters::metric::ssim::Similarity;
 use lacuna_filters::{Mask, Plane, Size};
 use serde::Serialize;
 
-use super::codes::{Codes, base64, packed};
+use super::codes::{BUDGET, Codes, base64, packed};
 use crate::raster::{self, BitDepth, ColorType, Compression};
+use crate::report::groups::Kind;
+use crate::report::values::chromaticities;
 use crate::report::{Images, Measure};
 
 /// Maps of images with more pixels are shown at half the resolution.
 const SMALL: usize = 1 << 18;
+/// What a value that is not finite looks like, which no picture has otherwise; the page's script has it as well.
+const NOT_FINITE: [u8; 3] = [0, 255, 255];
+/// Rows of the screen that a thumbnail takes at least, however wide its image is.
+pub const LEAST_SHOWN: usize = 4;
 /// What an error is multiplied with in its thumbnail.
 pub const ERROR_GAIN: f32 = 10.0;
 
@@ -22,7 +30,7 @@ pub struct Picture {
     pub label: String,
     /// Reference, sparse input (if a mask is known), result, error: PNG as base64.
     pub thumbnails: Vec<(&'static str, String)>,
-    /// Width and height of the thumbnails.
+    /// Width and height of the thumbnails on the screen.
     pub thumbnail_size: (usize, usize),
     /// How good the frame is: the lower, the sooner it is shown in full.
     pub score: f64,
@@ -39,25 +47,31 @@ pub struct Pixels {
     pub height: usize,
     /// First column and row, in absolute coordinates.
     pub origin: (i32, i32),
+    /// Width of a pixel over its height.
+    pub aspect: f32,
     /// The value that is white.
     pub white: f32,
     /// Reference and test image, or what was filled alone.
     pub codes: Codes,
     /// Which pixels were measured: a bit each, lowest first, packed.
     pub mask: Option<String>,
+    /// The estimated error, as grey.
+    pub estimate: Option<Codes>,
+    /// What colours mean, where they are colours.
+    pub colour: Option<Colour>,
     /// Each pixel of a map stands for a square of so many.
     pub map_step: usize,
-    /// `error` (absolute, the largest of the channels), `ssim` (1 less the mean of the channels), `flip`, `estimate` (the estimated error).
-    pub maps: BTreeMap<&'static str, Map>,
+    /// `ssim` (1 less the mean of the channels), `flip`: 32 levels of square roots, each row less the row above, packed.
+    pub maps: BTreeMap<&'static str, String>,
 }
 
-/// A value of each pixel, roughly.
+/// The way from linear red, green and blue to XYZ.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Map {
-    /// What the highest level stands for.
-    pub largest: f32,
-    /// 32 levels of square roots, each row less the row above, packed.
-    pub levels: String,
+pub struct Colour {
+    /// Row by row.
+    pub matrix: Matrix,
+    /// XYZ of white.
+    pub white: [f64; 3],
 }
 
 impl Picture {
@@ -70,7 +84,7 @@ impl Picture {
         let size = reference[0].size();
         let thumb = Thumbnail::new(size, thumbnail_width);
         let white = images.report.peak.unwrap_or(1.0);
-        let shown = |value: f32| lacuna_filters::metric::colour::srgb_encode((value / white).clamp(0.0, 1.0));
+        let shown = |value: f32| srgb_encode((value / white).clamp(0.0, 1.0));
         let mut thumbnails = vec![("reference", thumb.png(reference, None, shown))];
         if let Some(mask) = images.mask {
             thumbnails.push(("sparse", thumb.png(reference, Some(mask), shown)));
@@ -80,9 +94,9 @@ impl Picture {
         Some(Self {
             label: images.report.label(),
             thumbnails,
-            thumbnail_size: (thumb.size.width, thumb.size.height),
+            thumbnail_size: thumb.on_screen(aspect(images.part)),
             score,
-            pixels: Some(Pixels { white, ..Pixels::new(images, reference, test) }),
+            pixels: Some(Pixels::new(images, reference, test, white)),
         })
     }
 }
@@ -90,84 +104,83 @@ impl Picture {
 /// PNG as base64, by name.
 type Named = Vec<(&'static str, String)>;
 
-/// Mask (if there is one), sparse input (if it was filled) and result of a group, and the size of the pictures.
+/// Mask (if there is one), sparse input (if it was filled) and result of a group of a part, and the size of the pictures; `white` is
+/// the brightest.
 pub fn filled_pictures(
+    part: &Part,
     planes: &[Plane],
     mask: Option<&Mask>,
     filled: bool,
-    width: usize,
+    (width, white): (usize, f32),
 ) -> Option<((usize, usize), Named)> {
     let image = rgb(planes)?;
     let thumb = Thumbnail::new(image[0].size(), width);
-    let shown = |value: f32| lacuna_filters::metric::colour::srgb_encode(value.clamp(0.0, 1.0));
+    let shown = |value: f32| srgb_encode((value / white).clamp(0.0, 1.0));
     let mut all = Vec::new();
     if let Some(mask) = mask {
-        let white = Plane::filled(mask.size(), 1.0);
-        all.push(("mask", thumb.png([&white; 3], Some(mask), |value| value)));
+        let ones = Plane::filled(mask.size(), 1.0);
+        all.push(("mask", thumb.png([&ones; 3], Some(mask), |value| value)));
         if filled {
             all.push(("sparse", thumb.png(image, Some(mask), shown)));
         }
     }
     all.push(("result", thumb.png(image, None, shown)));
-    Some(((thumb.size.width, thumb.size.height), all))
+    Some((thumb.on_screen(aspect(part)), all))
 }
 
 impl Pixels {
-    fn new(images: &Images<'_>, reference: [&Plane; 3], test: [&Plane; 3]) -> Self {
+    fn new(images: &Images<'_>, reference: [&Plane; 3], test: [&Plane; 3], white: f32) -> Self {
         let size = reference[0].size();
         let similarity = |at: usize| {
             let sum: f32 = images.similarity.iter().map(|s: &Similarity| s.map.pixels()[at]).sum();
             1.0 - sum / images.similarity.len() as f32
         };
-        let error = |at: usize| {
-            let by = |k: usize| (test[k].pixels()[at] - reference[k].pixels()[at]).abs();
-            by(0).max(by(1)).max(by(2))
-        };
-        let origin = (images.part.data_window.x_min, images.part.data_window.y_min);
-        let mut pixels =
-            Self::of(Codes::new(reference, Some(test)), size, origin, images.mask, images.estimate);
-        let map = |largest, value: &dyn Fn(usize) -> f32| Map::new(size, pixels.map_step, largest, value);
-        let mut maps = vec![("error", map(None, &error)), ("ssim", map(Some(1.0), &similarity))];
-        maps.extend(images.flip.map(|flip| ("flip", map(Some(1.0), &|at| flip.pixels()[at]))));
-        pixels.maps.extend(maps);
-        pixels
+        let codes = Codes::new(reference, Some(test), BUDGET);
+        let pixels = Self::of(codes, size, images.part, images.mask, images.estimate);
+        let flip = images.flip.map(|flip| ("flip", levels(size, pixels.map_step, |at| flip.pixels()[at])));
+        let maps = [("ssim", levels(size, pixels.map_step, similarity))].into_iter().chain(flip).collect();
+        let colour = (images.report.kind == Kind::Colour).then(|| chromaticities(images.part));
+        let colour = colour.and_then(|of| Some(Colour { matrix: of.to_xyz()?, white: of.white_xyz() }));
+        Self { white, colour, maps, ..pixels }
     }
 
     /// Every pixel of a frame that was filled, if it has colours or a channel to show.
     pub fn filled(
+        part: &Part,
         planes: &[Plane],
-        origin: (i32, i32),
         mask: Option<&Mask>,
         estimate: Option<&Plane>,
+        white: f32,
     ) -> Option<Self> {
         let image = rgb(planes)?;
-        Some(Self::of(Codes::new(image, None), image[0].size(), origin, mask, estimate))
+        let codes = Codes::new(image, None, BUDGET);
+        Some(Self { white, ..Self::of(codes, image[0].size(), part, mask, estimate) })
     }
 
-    fn of(
-        codes: Codes,
-        size: Size,
-        origin: (i32, i32),
-        mask: Option<&Mask>,
-        estimate: Option<&Plane>,
-    ) -> Self {
+    fn of(codes: Codes, size: Size, part: &Part, mask: Option<&Mask>, estimate: Option<&Plane>) -> Self {
         let map_step = if size.pixels() > SMALL { 2 } else { 1 };
         let mask = mask.filter(|mask| mask.size() == size).map(|mask| packed(&bits(mask)));
         let estimate = estimate.filter(|estimate| estimate.size() == size);
-        let map = |estimate: &Plane| Map::new(size, map_step, None, &|at| estimate.pixels()[at]);
-        let maps = estimate.map(|estimate| ("estimate", map(estimate))).into_iter().collect();
-        Self { width: size.width, height: size.height, origin, white: 1.0, codes, mask, map_step, maps }
+        Self {
+            width: size.width,
+            height: size.height,
+            origin: (part.data_window.x_min, part.data_window.y_min),
+            aspect: aspect(part),
+            white: 1.0,
+            codes,
+            mask,
+            estimate: estimate.map(|plane| Codes::new([plane; 3], None, BUDGET / 3.0)),
+            colour: None,
+            map_step,
+            maps: BTreeMap::new(),
+        }
     }
 }
 
-impl Map {
-    /// Without a `largest` value, that of the pixels; what is not finite counts as 0.
-    fn new(size: Size, step: usize, largest: Option<f32>, value: &dyn Fn(usize) -> f32) -> Self {
-        let finite = |at: usize| Some(value(at)).filter(|value| value.is_finite()).unwrap_or(0.0);
-        let largest =
-            largest.unwrap_or_else(|| (0..size.pixels()).map(finite).fold(f32::MIN_POSITIVE, f32::max));
-        Self { largest, levels: levels(size, step, |at| finite(at) / largest) }
-    }
+/// Width of a part's pixels over their height; 1 where that cannot be.
+fn aspect(part: &Part) -> f32 {
+    let bytes = part.attributes.get("pixelAspectRatio").and_then(|found| found.value.first_chunk().copied());
+    bytes.map(f32::from_le_bytes).filter(|aspect| (0.01..=100.0).contains(aspect)).unwrap_or(1.0)
 }
 
 /// Three planes for a display: colours as they are, a single channel as grey.
@@ -218,7 +231,13 @@ impl Thumbnail {
         Self { full, size: Size::new(height, width) }
     }
 
-    /// The mean of `value` over each box, row by row.
+    /// Columns and rows that it takes on the screen.
+    fn on_screen(&self, aspect: f32) -> (usize, usize) {
+        let height = (self.size.height as f32 / aspect).round() as usize;
+        (self.size.width, height.max(LEAST_SHOWN))
+    }
+
+    /// The mean of `value` over each box, row by row; not finite if one of its values is not.
     fn means(&self, value: impl Fn(usize) -> [f32; 3]) -> Vec<[f32; 3]> {
         let mut out = Vec::with_capacity(self.size.pixels());
         for y in 0..self.size.height {
@@ -230,7 +249,7 @@ impl Thumbnail {
                     for u in columns.clone() {
                         let rgb = value(v * self.full.width + u);
                         for (sum, value) in sum.iter_mut().zip(rgb) {
-                            *sum += if value.is_finite() { value } else { 0.0 };
+                            *sum += value;
                         }
                         count += 1.0;
                     }
@@ -252,21 +271,27 @@ impl Thumbnail {
             let measured = mask.is_none_or(|mask| mask.as_slice()[at]);
             if measured { image.map(|plane| plane.pixels()[at]) } else { [0.0; 3] }
         };
-        let bytes = |rgb: [f32; 3]| rgb.map(|value| (255.0 * curve(value)).round() as u8);
-        self.encode(&self.means(value).into_iter().flat_map(bytes).collect::<Vec<u8>>())
+        self.encode(value, |rgb| rgb.map(|value| (255.0 * curve(value)).round() as u8))
     }
 
     fn error(&self, reference: [&Plane; 3], test: [&Plane; 3], white: f32) -> String {
         let value = |at: usize| {
             let by = |k: usize| (test[k].pixels()[at] - reference[k].pixels()[at]).abs();
-            [by(0).max(by(1)).max(by(2)) * ERROR_GAIN / white; 3]
+            let by = [by(0), by(1), by(2)];
+            // The largest of numbers passes over those that are none.
+            let largest =
+                if by.iter().all(|by| by.is_finite()) { by[0].max(by[1]).max(by[2]) } else { f32::NAN };
+            [largest * ERROR_GAIN / white; 3]
         };
-        self.encode(&self.means(value).into_iter().flat_map(|[value, ..]| heat(value)).collect::<Vec<u8>>())
+        self.encode(value, |[value, ..]| heat(value))
     }
 
-    fn encode(&self, bytes: &[u8]) -> String {
+    fn encode(&self, value: impl Fn(usize) -> [f32; 3], shown: impl Fn([f32; 3]) -> [u8; 3]) -> String {
+        let is_finite = |rgb: &[f32; 3]| rgb.iter().all(|value| value.is_finite());
+        let pixel = |rgb| if is_finite(&rgb) { shown(rgb) } else { NOT_FINITE };
+        let bytes: Vec<u8> = self.means(value).into_iter().flat_map(pixel).collect();
         let kind = (ColorType::Rgb, BitDepth::Eight);
-        let png = raster::png((self.size.width, self.size.height), kind, Compression::Fast, bytes);
+        let png = raster::png((self.size.width, self.size.height), kind, Compression::Fast, &bytes);
         png.map_or_else(|_| String::new(), |png| base64(&png))
     }
 }

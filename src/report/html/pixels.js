@@ -36,6 +36,32 @@ lacuna.unpredict = function (plane, width) {
   }
 };
 
+// Codes of an image as three planes, of red, green and blue.
+lacuna.decode = function (bytes, width) {
+  const folded = lacuna.unfold(bytes);
+  const n = folded.length / 3;
+  const [g, r, b] = [0, 1, 2].map((k) => folded.subarray(k * n, (k + 1) * n));
+  for (const plane of [g, r, b]) lacuna.unpredict(plane, width);
+  for (let i = 0; i < n; i++) {
+    r[i] += g[i];
+    b[i] += g[i];
+  }
+  return [r, g, b];
+};
+
+// The value of each code, and the logarithm from one to the next.
+lacuna.table = function ({ levels, largest }) {
+  const factor = Math.log1p(64 * largest) / levels;
+  const values = new Float32Array(65536);
+  for (let code = 0; code <= levels; code++) {
+    const value = Math.expm1(code * factor) / 64;
+    values[65536 - code & 65535] = -value;
+    values[code] = value;
+  }
+  values[levels + 1] = NaN;
+  return { factor, values };
+};
+
 // A map of 32 levels of square roots, each row less the row above.
 lacuna.unmap = function (bytes, columns) {
   const out = new Float32Array(bytes.length);
@@ -51,35 +77,23 @@ lacuna.unpack = async function (packed) {
   const { width, height, codes } = packed;
   const n = width * height;
   const names = Object.keys(packed.maps);
-  const [first, second, mask, ...levels] = await Promise.all(
-    [codes.first, codes.second, packed.mask, ...names.map((name) => packed.maps[name].levels)].map((text) => (text ? lacuna.inflate(text) : null)));
-  const folded = lacuna.unfold(first);
-  const planes = [0, 1, 2].map((k) => folded.subarray(k * n, (k + 1) * n));
-  for (const plane of planes) lacuna.unpredict(plane, width);
-  const [g, r, b] = planes;
-  for (let i = 0; i < n; i++) {
-    r[i] += g[i];
-    b[i] += g[i];
-  }
-  let [reference, test] = [null, [r, g, b]];
+  const [first, second, mask, estimated, ...levels] = await Promise.all(
+    [codes.first, codes.second, packed.mask, packed.estimate && packed.estimate.first, ...names.map((name) => packed.maps[name])].map((text) => (text ? lacuna.inflate(text) : null)));
+  let [reference, test] = [null, lacuna.decode(first, width)];
   if (second) {
     reference = test;
     const less = lacuna.unfold(second);
     test = [0, 1, 2].map((k) => less.subarray(k * n, (k + 1) * n));
     for (let k = 0; k < 3; k++) for (let i = 0; i < n; i++) test[k][i] += reference[k][i];
   }
-  const factor = Math.log2(1 + 64 * codes.largest) / codes.levels;
-  const values = new Float32Array(65536);
-  for (let code = 0; code <= codes.levels; code++) {
-    values[code] = (2 ** (code * factor) - 1) / 64;
-    values[65536 - code & 65535] = -values[code];
-  }
-  values[codes.levels + 1] = NaN;
+  const { factor, values } = lacuna.table(codes);
+  const estimate = estimated && { plane: lacuna.decode(estimated, width)[0], ...lacuna.table(packed.estimate) };
   const columns = Math.ceil(width / packed.map_step);
   const maps = {};
-  names.forEach((name, k) => { maps[name] = { largest: packed.maps[name].largest, levels: lacuna.unmap(levels[k], columns) }; });
+  names.forEach((name, k) => { maps[name] = lacuna.unmap(levels[k], columns); });
   return {
-    width, height, origin: packed.origin, white: packed.white, reference, test, values, mask, factor, step: packed.map_step, columns, maps,
+    width, height, aspect: packed.aspect, origin: packed.origin, white: packed.white, reference, test, values, mask, factor, step: packed.map_step, columns, maps,
+    estimate, colour: packed.colour, none: codes.levels + 1,
     value: (planes, k, at) => values[planes[k][at] & 65535],
     measured: (at) => !mask || (mask[at >> 3] >> (at & 7) & 1) === 1,
   };

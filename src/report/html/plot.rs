@@ -75,17 +75,29 @@ fn grid(axes: &Axes, ticks: &[f64], labels: &[String], svg: &mut String) {
         );
     }
     let step = labels.len().div_ceil(8).max(1);
-    let named =
-        labels.iter().enumerate().step_by(step).map(|(index, label)| (axes.x(index), 16.0, label.as_str()));
-    for (x, below, label) in named.chain([(f64::midpoint(left, right), 34.0, "frame")]) {
-        let short: String = label.chars().take(8).collect();
+    let short = short(labels);
+    let anchor = |index: usize| if index > 0 && index + 1 == labels.len() { "end" } else { "middle" };
+    let named = (0..labels.len()).step_by(step).map(|at| (axes.x(at), 16.0, short[at].as_str(), anchor(at)));
+    for (x, below, label, anchor) in named.chain([(f64::midpoint(left, right), 34.0, "frame", "middle")]) {
         let _ = write!(
             svg,
-            "<text class=\"tick\" text-anchor=\"middle\" x=\"{x:.1}\" y=\"{:.1}\">{}</text>",
+            "<text class=\"tick\" text-anchor=\"{anchor}\" x=\"{x:.1}\" y=\"{:.1}\">{}</text>",
             bottom + below,
-            escape(&short)
+            escape(label)
         );
     }
+}
+
+/// Labels that fit below an axis: long ones without what all of them begin with, cut.
+fn short(labels: &[String]) -> Vec<String> {
+    const MOST: usize = 8;
+    if labels.iter().all(|label| label.chars().count() <= MOST) {
+        return labels.to_vec();
+    }
+    let alike = |a: &String, b: &String| a.chars().zip(b.chars()).take_while(|(a, b)| a == b).count();
+    let common = labels.iter().map(|label| alike(label, &labels[0])).min().unwrap_or(0);
+    let common = if labels.len() > 1 { common } else { 0 };
+    labels.iter().map(|label| label.chars().skip(common).take(MOST).collect()).collect()
 }
 
 /// One line, with gaps where there is no value, its points and its name.
@@ -157,6 +169,13 @@ mod tests {
             let slack = 4.0 * f64::EPSILON * high.abs();
             assert!(ticks[0] <= low + slack && ticks[ticks.len() - 1] >= high - slack, "{ticks:?}");
         }
+    }
+
+    #[test]
+    fn long_labels_keep_what_tells_them_apart() {
+        let of = |labels: &[&str]| short(&labels.iter().map(ToString::to_string).collect::<Vec<_>>());
+        assert_eq!(of(&["10", "11", "12"]), ["10", "11", "12"]);
+        assert_eq!(of(&["scene_alpha_a.exr", "scene_alpha_b.exr"]), ["a.exr", "b.exr"]);
     }
 
     #[test]

@@ -3,13 +3,16 @@
 use std::fmt::Write;
 
 use super::escape;
-use super::picture::{ERROR_GAIN, Picture};
+use super::picture::{ERROR_GAIN, LEAST_SHOWN, Picture};
 use crate::report::markdown;
 use crate::report::measure::Measure;
 use crate::report::model::{Comparison, FrameReport, GroupReport};
 
 /// Measures of the main table that are always there, each over the whole image and over the missing pixels; those on request follow.
 const ALWAYS: [Measure; 3] = [Measure::Psnr, Measure::Ssim, Measure::Max];
+
+/// Counts that have a column where any is above 0: such values count in no other measure.
+const NEW: [Measure; 2] = [Measure::NewNan, Measure::NewInfinite];
 
 /// The head of a measure's column.
 pub fn heading(measure: Measure) -> String {
@@ -30,9 +33,10 @@ pub fn cell(measure: Measure, value: Option<f64>) -> String {
 fn columns(comparison: &Comparison) -> Vec<(&'static str, Measure)> {
     let has = |region: &str, measure: Measure| {
         let main = comparison.frames.iter().filter_map(FrameReport::main_group);
-        main.filter_map(|group| group.region(region)).any(|region| region.measures.get(measure).is_some())
+        let value = |group: &GroupReport| group.region(region)?.measures.get(measure);
+        main.filter_map(value).any(|value| value > 0.0 || !NEW.contains(&measure))
     };
-    let measures = || ALWAYS.into_iter().chain(Measure::on_request());
+    let measures = || ALWAYS.into_iter().chain(NEW).chain(Measure::on_request());
     let of = |region: &'static str| measures().map(move |measure| (region, measure));
     of("all").chain(of("missing")).filter(|&(region, measure)| has(region, measure)).collect()
 }
@@ -92,7 +96,7 @@ fn row(
 fn thumbnails(picture: &Picture, label: &str, page: &mut String) {
     let (width, height) = picture.thumbnail_size;
     let width_shown = width.min(96);
-    let height_shown = height * width_shown / width.max(1);
+    let height_shown = (height * width_shown / width.max(1)).max(LEAST_SHOWN);
     for (name, png) in &picture.thumbnails {
         let what = if *name == "error" { format!("error x {ERROR_GAIN}") } else { (*name).into() };
         let _ = write!(

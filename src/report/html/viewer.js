@@ -19,21 +19,25 @@ lacuna.heat = (() => {
   return table;
 })();
 
+// The colour of 0 to 1.
+lacuna.hue = (level) => (Number.isNaN(level) ? lacuna.NOT_FINITE : lacuna.heat[level > 0 ? (level < 1 ? Math.round(255 * level) : 255) : 0]);
+
 lacuna.encode = (v, curve) => {
   const c = v > 0 ? (v < 1 ? v : 1) : 0;
   return curve === 'linear' ? c : c <= 0.0031308 ? 12.92 * c : 1.055 * c ** (1 / 2.4) - 0.055;
 };
 
-// CIELUV of linear BT.709 under D65.
-lacuna.luv = (r, g, b) => {
-  const clip = (v) => (v > 0 ? (v < 1 ? v : 1) : 0);
-  [r, g, b] = [clip(r), clip(g), clip(b)];
-  const x = 0.4123908 * r + 0.3575843 * g + 0.1804808 * b;
-  const y = 0.2126390 * r + 0.7151687 * g + 0.0721923 * b;
-  const z = 0.0193308 * r + 0.1191948 * g + 0.9505322 * b;
+// What is not finite looks like this in every view.
+lacuna.NOT_FINITE = 0xffffff00;
+
+// CIELUV of linear colours over white, by the chromaticities of the file.
+lacuna.luv = ({ matrix, white }, rgb) => {
+  const [r, g, b] = rgb.map((v) => (v > 0 ? (v < 1 ? v : 1) : 0));
+  const [x, y, z] = matrix.map((row) => row[0] * r + row[1] * g + row[2] * b);
+  const whole = white[0] + 15 * white[1] + 3 * white[2];
   const l = y > (6 / 29) ** 3 ? 116 * Math.cbrt(y) - 16 : (29 / 3) ** 3 * y;
   const sum = x + 15 * y + 3 * z;
-  return sum > 0 ? [l, 13 * l * (4 * x / sum - 0.1978398), 13 * l * (9 * y / sum - 0.4683363)] : [0, 0, 0];
+  return sum > 0 ? [l, 13 * l * (4 * (x / sum - white[0] / whole)), 13 * l * (9 * (y / sum - white[1] / whole))] : [0, 0, 0];
 };
 
 // Paints one view of a frame into an image of its size.
@@ -52,23 +56,21 @@ lacuna.paint = function (frame, view, state) {
     const [r, g, b] = lacuna.planes(frame, view);
     const light = (i) => 0.2126 * values[r[i] & 65535] + 0.7152 * values[g[i] & 65535] + 0.0722 * values[b[i] & 65535];
     for (let i = 0; i < n; i++) {
-      const level = (Math.log2(Math.max(light(i) * scale, 1e-9) / 0.18) + 7) / 14;
-      out[i] = view === 'sparse' && !frame.measured(i) ? 0xff000000 : lacuna.heat[level > 0 ? (level < 1 ? Math.round(255 * level) : 255) : 0];
+      out[i] = view === 'sparse' && !frame.measured(i) ? 0xff000000 : lacuna.hue((Math.log2(Math.max(light(i) * scale, 1e-9) / 0.18) + 7) / 14);
     }
   } else if (lacuna.IMAGES.includes(view)) {
-    const planes = lacuna.planes(frame, view);
+    const none = frame.none;
     const shown = new Uint8Array(65536);
     for (let code = 0; code < 65536; code++) shown[code] = Math.round(255 * lacuna.encode(values[code] * scale, state.curve));
-    const [r, g, b] = planes;
+    const [r, g, b] = lacuna.planes(frame, view);
     for (let i = 0; i < n; i++) {
       out[i] = view === 'sparse' && !frame.measured(i) ? 0xff000000
+        : r[i] === none || g[i] === none || b[i] === none ? lacuna.NOT_FINITE
         : 0xff000000 | shown[b[i] & 65535] << 16 | shown[g[i] & 65535] << 8 | shown[r[i] & 65535];
     }
   } else {
-    for (let i = 0; i < n; i++) {
-      const level = lacuna.level(frame, view, i) * (view === 'error' || view === 'estimate' ? state.gain * scale : 1);
-      out[i] = lacuna.heat[level > 0 ? (level < 1 ? Math.round(255 * level) : 255) : 0];
-    }
+    const by = view === 'error' || view === 'estimate' ? state.gain * scale : view === 'cieluv' ? 1 / 20 : 1;
+    for (let i = 0; i < n; i++) out[i] = lacuna.hue(lacuna.level(frame, view, i) * by);
   }
   context.putImageData(image, 0, 0);
   return canvas;
@@ -85,17 +87,19 @@ lacuna.range = function (view, { curve, gain, exposure }, white = 1) {
 // The planes that a view of an image shows: without a reference the sparse input is the result where it was measured.
 lacuna.planes = (frame, view) => (view === 'result' || !frame.reference ? frame.test : frame.reference);
 
-// The value of an error map at a pixel, 1 the brightest.
+// The value of an error map at a pixel; NaN where it has none.
 lacuna.level = function (frame, view, at) {
-  const v = (planes, k) => frame.value(planes, k, at);
-  if (view === 'cieluv') {
-    const a = lacuna.luv(v(frame.reference, 0), v(frame.reference, 1), v(frame.reference, 2));
-    const b = lacuna.luv(v(frame.test, 0), v(frame.test, 1), v(frame.test, 2));
-    return Math.hypot(a[0] - b[0], a[1] - b[1], a[2] - b[2]) / 20;
+  if (view === 'estimate') return frame.estimate.values[frame.estimate.plane[at] & 65535];
+  if (view === 'error' || view === 'cieluv') {
+    let most = 0;
+    for (let k = 0; k < 3; k++) most = Math.max(most, Math.abs(frame.value(frame.reference, k, at) - frame.value(frame.test, k, at)));
+    if (view === 'error' || Number.isNaN(most)) return most;
+    const luv = (planes) => lacuna.luv(frame.colour, [0, 1, 2].map((k) => frame.value(planes, k, at) / frame.white));
+    const [one, other] = [luv(frame.reference), luv(frame.test)];
+    return Math.hypot(one[0] - other[0], one[1] - other[1], one[2] - other[2]);
   }
   const y = Math.floor(at / frame.width), x = at % frame.width;
-  const map = frame.maps[view];
-  return map.largest * map.levels[Math.floor(y / frame.step) * frame.columns + Math.floor(x / frame.step)];
+  return frame.maps[view][Math.floor(y / frame.step) * frame.columns + Math.floor(x / frame.step)];
 };
 
 lacuna.Viewer = class {
@@ -114,18 +118,23 @@ lacuna.Viewer = class {
     const same = this.frame && this.frame.width === frame.width && this.frame.height === frame.height;
     this.frame = frame;
     this.painted.clear();
-    // Another frame may lack what this one is shown by.
-    const views = this.views();
-    if (!views.includes(this.state.left)) this.state.left = views[0];
-    if (!views.includes(this.state.right)) this.state.right = 'result';
     if (!same) this.fit();
     this.draw();
   }
 
   views() {
     const { frame } = this;
-    const has = { result: true, sparse: frame.mask, reference: frame.reference, cieluv: frame.reference };
+    const { reference, colour, estimate } = frame;
+    const has = { result: true, sparse: frame.mask, reference, error: reference, cieluv: reference && colour, estimate };
     return lacuna.VIEWS.filter((view) => (view in has ? has[view] : frame.maps[view]));
+  }
+
+  // What is shown of what is asked for: a frame may lack a view, and keeps no other one from it.
+  seen() {
+    const { left, right, grid } = this.state;
+    const views = this.views();
+    const had = (view, other) => (views.includes(view) ? view : other);
+    return { left: had(left, views[0]), right: had(right, 'result'), grid: grid || views.length < 2 };
   }
 
   // Zoom 0: the whole frame. Pixels of the screen for a pixel of the frame otherwise.
@@ -135,16 +144,16 @@ lacuna.Viewer = class {
 
   // Views on the screen.
   shown() {
-    const { left, right, grid } = this.state;
+    const { left, right, grid } = this.seen();
     return grid ? this.views() : [left, right];
   }
 
   // Columns and rows of pictures that show them largest in a box, and the height that they take there.
   layout(width, height) {
-    const count = this.state.grid ? this.views().length : 1;
+    const count = this.seen().grid ? this.views().length : 1;
     const of = (columns) => {
       const rows = Math.ceil(count / columns);
-      return { columns, rows, scale: Math.min(width / columns / this.frame.width, height / rows / this.frame.height) };
+      return { columns, rows, scale: Math.min(width / columns / this.frame.width / this.frame.aspect, height / rows / this.frame.height) };
     };
     const all = Array.from({ length: count }, (_, k) => of(k + 1));
     const best = all.reduce((best, one) => (one.scale > best.scale ? one : best));
@@ -154,15 +163,21 @@ lacuna.Viewer = class {
   // The cells of the screen, each with the view it shows.
   cells() {
     const { width, height } = this.canvas;
-    if (!this.state.grid) return [{ view: this.state.left, x: 0, y: 0, width, height }];
+    const { grid, left } = this.seen();
+    if (!grid) return [{ view: left, x: 0, y: 0, width, height }];
     const { columns, rows } = this.layout(width, height);
     const [w, h] = [Math.floor(width / columns), Math.floor(height / rows)];
     return this.views().map((view, i) => ({ view, x: i % columns * w, y: Math.floor(i / columns) * h, width: w, height: h }));
   }
 
+  // The scale at which a cell holds the whole frame.
+  whole(cell) {
+    return Math.min(cell.width / this.frame.width / this.frame.aspect, cell.height / this.frame.height);
+  }
+
+  // Pixels of the screen for the height of one of the frame.
   scale(cell) {
-    const fit = Math.min(cell.width / this.frame.width, cell.height / this.frame.height);
-    return this.state.zoom > 0 ? Math.max(this.state.zoom, 0.01) : fit;
+    return this.state.zoom > 0 ? Math.max(this.state.zoom, 0.01) : this.whole(cell);
   }
 
   image(view) {
@@ -185,7 +200,6 @@ lacuna.Viewer = class {
   draw() {
     const { clientWidth } = this.canvas;
     if (!this.frame || clientWidth === 0) return;
-    if (this.views().length < 2) this.state.grid = true;
     // As high as the pictures are, as far as the window goes.
     const most = Math.min(900, Math.max(320, window.innerHeight - 330));
     this.canvas.style.height = `${Math.max(200, this.layout(clientWidth, most).height)}px`;
@@ -196,13 +210,13 @@ lacuna.Viewer = class {
     this.context.fillStyle = '#1b1b1b';
     this.context.fillRect(0, 0, this.canvas.width, this.canvas.height);
     for (const cell of this.cells()) this.drawCell(cell);
-    if (!this.state.grid) this.drawSlider();
+    if (!this.seen().grid) this.drawSlider();
     this.redrawn();
   }
 
   drawCell(cell) {
     this.clipped(cell, () => this.drawView(cell, cell.view));
-    if (this.state.grid) {
+    if (this.seen().grid) {
       this.label(lacuna.NAMES[cell.view], cell.x + 8, cell.y + 20, 'left');
       this.bar(cell.view, cell.x + 8, cell.y + cell.height, cell.width - 16);
     }
@@ -210,18 +224,19 @@ lacuna.Viewer = class {
 
   drawSlider() {
     const { context, canvas, state } = this;
+    const { left, right } = this.seen();
     const at = Math.round(canvas.width * state.split);
     const cell = { x: 0, y: 0, width: canvas.width, height: canvas.height };
-    this.clipped({ ...cell, x: at, width: canvas.width - at }, () => this.drawView(cell, state.right));
+    this.clipped({ ...cell, x: at, width: canvas.width - at }, () => this.drawView(cell, right));
     context.fillStyle = '#ffb000';
     context.fillRect(at - 1, 0, 2, canvas.height);
     if (at > 90) {
-      this.label(lacuna.NAMES[state.left], at - 8, 20, 'right');
-      this.bar(state.left, 8, canvas.height, at - 16);
+      this.label(lacuna.NAMES[left], at - 8, 20, 'right');
+      this.bar(left, 8, canvas.height, at - 16);
     }
     if (at < canvas.width - 90) {
-      this.label(lacuna.NAMES[state.right], at + 8, 20, 'left');
-      this.bar(state.right, at + 8, canvas.height, canvas.width - at - 16);
+      this.label(lacuna.NAMES[right], at + 8, 20, 'left');
+      this.bar(right, at + 8, canvas.height, canvas.width - at - 16);
     }
   }
 
@@ -267,22 +282,23 @@ lacuna.Viewer = class {
   drawView(cell, view) {
     const { context, state, frame } = this;
     const scale = this.scale(cell);
-    const x = cell.x + cell.width / 2 - state.x * scale;
+    const across = scale * frame.aspect;
+    const x = cell.x + cell.width / 2 - state.x * across;
     const y = cell.y + cell.height / 2 - state.y * scale;
     context.imageSmoothingEnabled = scale < 1;
     context.imageSmoothingQuality = 'high';
     context.fillStyle = '#1b1b1b';
     context.fillRect(cell.x, cell.y, cell.width, cell.height);
-    context.drawImage(this.image(view), x, y, frame.width * scale, frame.height * scale);
-    if (scale >= 56) this.numbers(cell, view, x, y, scale);
+    context.drawImage(this.image(view), x, y, frame.width * across, frame.height * scale);
+    if (Math.min(scale, across) >= 56) this.numbers(cell, view, x, y, scale, across);
   }
 
   // The values, written on the pixels.
-  numbers(cell, view, x, y, scale) {
+  numbers(cell, view, x, y, scale, across) {
     const { context, frame } = this;
     const rows = [Math.max(0, Math.floor((cell.y - y) / scale)), Math.min(frame.height - 1, Math.floor((cell.y + cell.height - y) / scale))];
-    const columns = [Math.max(0, Math.floor((cell.x - x) / scale)), Math.min(frame.width - 1, Math.floor((cell.x + cell.width - x) / scale))];
-    context.font = `${Math.min(13, scale / 5)}px ui-monospace, monospace`;
+    const columns = [Math.max(0, Math.floor((cell.x - x) / across)), Math.min(frame.width - 1, Math.floor((cell.x + cell.width - x) / across))];
+    context.font = `${Math.min(13, Math.min(scale, across) / 5)}px ui-monospace, monospace`;
     context.textAlign = 'center';
     context.lineWidth = 2.5;
     context.strokeStyle = 'rgba(0,0,0,.75)';
@@ -290,7 +306,7 @@ lacuna.Viewer = class {
     for (let v = rows[0]; v <= rows[1]; v++) {
       for (let u = columns[0]; u <= columns[1]; u++) {
         this.values(view, u, v).forEach((text, k, all) => {
-          const at = [x + (u + 0.5) * scale, y + (v + 0.5) * scale + (k - (all.length - 1) / 2) * scale / 4 + 4];
+          const at = [x + (u + 0.5) * across, y + (v + 0.5) * scale + (k - (all.length - 1) / 2) * scale / 4 + 4];
           context.strokeText(text, ...at);
           context.fillText(text, ...at);
         });
@@ -308,7 +324,7 @@ lacuna.Viewer = class {
       return [0, 1, 2].map((k) => lacuna.number(frame.value(planes, k, at), frame.factor));
     }
     const level = lacuna.level(frame, view, at);
-    return [(view === 'cieluv' ? 20 * level : level).toPrecision(2)];
+    return [Number.isNaN(level) ? 'n/a' : level === 0 ? '0' : level.toPrecision(2)];
   }
 
   // The pixel (column, row of the frame) under a point of the canvas (in CSS pixels), and its cell.
@@ -318,7 +334,7 @@ lacuna.Viewer = class {
     const cell = this.cells().find((cell) => u >= cell.x && u < cell.x + cell.width && v >= cell.y && v < cell.y + cell.height);
     if (!cell) return null;
     const scale = this.scale(cell);
-    const column = (u - cell.x - cell.width / 2) / scale + this.state.x;
+    const column = (u - cell.x - cell.width / 2) / scale / this.frame.aspect + this.state.x;
     const row = (v - cell.y - cell.height / 2) / scale + this.state.y;
     const inside = column >= 0 && row >= 0 && column < this.frame.width && row < this.frame.height;
     return { column, row, inside, cell, scale };
@@ -328,7 +344,7 @@ lacuna.Viewer = class {
   zoomBy(factor, x, y) {
     const at = this.pixel(x, y);
     if (!at) return;
-    const zoom = Math.min(128, Math.max(at.scale * factor, Math.min(at.cell.width / this.frame.width, at.cell.height / this.frame.height)));
+    const zoom = Math.min(128, Math.max(at.scale * factor, this.whole(at.cell)));
     const kept = at.scale / zoom;
     this.set({ zoom, x: at.column + (this.state.x - at.column) * kept, y: at.row + (this.state.y - at.row) * kept });
   }
@@ -342,6 +358,9 @@ lacuna.Viewer = class {
 // A value with as many digits as its step (relative, from the levels) bears.
 lacuna.number = (value, factor) => {
   if (Number.isNaN(value)) return 'n/a';
-  const step = (Math.abs(value) + 1 / 64) * Math.LN2 * factor;
-  return value.toFixed(Math.max(0, Math.min(6, Math.ceil(-Math.log10(step)))));
+  const size = Math.abs(value), step = (size + 1 / 64) * factor;
+  const digits = Math.max(0, Math.ceil(-Math.log10(step)));
+  // As many decimals as that are no longer read.
+  if (digits > 6 && size > 0 && size < 1e-3) return value.toPrecision(Math.min(3, Math.max(1, Math.round(Math.log10(size / step)))));
+  return value.toFixed(Math.min(6, digits));
 };
