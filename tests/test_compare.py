@@ -418,6 +418,31 @@ def test_maps_hold_the_errors(tmp_path):
     assert found == [f"1.RGB.{kind}.png" for kind in ("cieluv", "error", "flip", "ssim")]
 
 
+def test_light_beyond_white_is_seen_by_no_clipped_measure(tmp_path):
+    light = 1.5 + np.random.default_rng(3).random((40, 50, 3)).astype(np.float32)
+    pair = [frames.write(tmp_path / f"{k}.exr", dict(zip("RGB", np.moveaxis(light * by, -1, 0)))) for k, by in enumerate((1, 10))]
+    for measure in ("cieluv", "flip"):
+        report, _ = compare(*pair, tmp_path, "--fail-above", f"{measure}=0.5", ok=False)
+        assert "which no bound sees" in " ".join(report["frames"][0]["failures"]), measure
+    # On the scale of the peak both see it.
+    report, _ = compare(*pair, tmp_path, "--peak", 30, "--measures", "cieluv")
+    assert measures(report)["cieluv"] > 20
+    scaled = [frames.write(tmp_path / f"s{k}.exr", dict(zip("RGB", np.moveaxis(light * np.float32(by / 30), -1, 0)))) for k, by in enumerate((1, 10))]
+    assert measures(compare(*scaled, tmp_path, "--measures", "cieluv")[0])["cieluv"] == pytest.approx(measures(report)["cieluv"], rel=1e-4)
+
+
+def test_what_is_missing_says_what_it_is(tmp_path):
+    sequence(tmp_path, 2)
+    (tmp_path / "t.0002.exr").unlink()
+    words = ["compare", tmp_path / "r.####.exr", tmp_path / "t.####.exr", "--missing-frame", "skip"]
+    result = tool.lacuna(*words, "-q", ok=False)
+    assert result.status == 1 and "the test image does not exist" in result.stderr, result
+    (tmp_path / "r.0002.exr").unlink()
+    page = tmp_path / "page.html"
+    tool.lacuna(*words, "--frames", "1-2", "--fail-below", "psnr=1", "--html", page)
+    assert "1 frame passes, 1 skipped: psnr &gt;= 1" in page.read_text()
+
+
 def test_an_input_is_never_overwritten(tmp_path):
     sequence(tmp_path, 1)
     reference, test = tmp_path / "r.0001.exr", tmp_path / "t.0001.exr"

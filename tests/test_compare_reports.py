@@ -2,6 +2,7 @@
 
 import base64
 import io
+import json
 import re
 
 import imageio.v3
@@ -92,3 +93,26 @@ def test_maps_lie_where_the_reference_does(tmp_path):
     assert (header["pixelAspectRatio"], header["view"]) == (2.0, "left")
     error = file.channels()["error.R"].pixels
     assert np.isfinite(error).all() and error[3, 4] == error[10, 10] == error[5, 5] == 0 < error[0, 0]
+
+
+def test_maps_of_one_name_stand_beside_each_other(tmp_path):
+    one, other = (np.full((20, 30), value, np.float32) for value in (0.2, 0.3))
+    pair = [frames.write(tmp_path / f"{k}.exr", dict.fromkeys(["R", "G", "B", "Y"], plane)) for k, plane in enumerate((one, other))]
+    tool.lacuna("compare", *pair, "--maps", tmp_path / "maps")
+    maps = frames.read(tmp_path / "maps" / "1.maps.exr")[0]
+    assert {"cieluv", "cieluv.Y", "flip", "flip.Y"} <= set(maps)
+    layers = lambda dark, light: {f"{layer}.{c}": plane for layer, plane in (("a b", dark), ("a-b", light)) for c in "RGB"}
+    pair = [frames.write(tmp_path / f"l{k}.exr", layers(one, plane)) for k, plane in enumerate((one, other))]
+    tool.lacuna("compare", *pair, "--maps", tmp_path / "maps")
+    found = sorted(path.name for path in (tmp_path / "maps").glob("l1.*error.png"))
+    assert found == ["l1.a-b.RGB-2.error.png", "l1.a-b.RGB.error.png"]
+
+
+def test_maps_that_cannot_be_written_leave_the_measures(tmp_path):
+    pair = [frames.write(tmp_path / f"{k}.exr", dict.fromkeys("RGB", np.full((20, 30), k / 4, np.float32))) for k in range(2)]
+    (tmp_path / "maps" / "1.maps.exr").mkdir(parents=True)
+    result = tool.lacuna("compare", *pair, "--maps", tmp_path / "maps", "--json", tmp_path / "report.json", ok=False)
+    (frame,) = json.loads((tmp_path / "report.json").read_text())["frames"]
+    assert result.status == 1 and "1.maps.exr" in result.stderr
+    assert frame["groups"][0]["regions"][0]["measures"]["mse"] == 1 / 16 and frame["error"] is None
+    assert any("1.maps.exr" in note for note in frame["notes"])

@@ -25,6 +25,9 @@ Exit status: 0 all compared and within the bounds, 1 a frame is not or cannot be
 const MASK: &str =
     "Which pixels were measured, as in fill [default: what the test image's attributes say, or its mask]";
 
+const MISSING: &str =
+    "A reference that does not exist: fail (the others are compared, exit status 1) or pass over it";
+
 /// Measure how far test images are from their references
 ///
 /// Per part, layer and group of channels (R, G and B of a layer together): MSE, RMSE, largest error, PSNR, relative MSE,
@@ -33,7 +36,7 @@ const MASK: &str =
 /// a pixel that only one image has counts as 0 in the other, and that is said. The tables go to standard output as
 /// Markdown, unless a report goes there.
 #[derive(Args, Clone, Debug)]
-#[command(after_help = EXAMPLES)]
+#[command(after_help = EXAMPLES, mut_arg("missing_frame", |missing| missing.help(MISSING)))]
 pub struct CompareArgs {
     /// The reference: a file, a pattern or a glob, as in fill
     #[arg(value_name = "REFERENCE", display_order = 0, help_heading = "Input and frames")]

@@ -214,7 +214,13 @@ impl Work for Compare<'_> {
         let result = self.one(item, stage, record);
         if let Err(failure) = &result {
             let at = self.index(item);
-            self.found().frames[at].error = Some(failure.text.clone());
+            let frame = &mut self.found().frames[at];
+            // What was measured stays, whatever became of the maps.
+            if frame.groups.is_empty() {
+                frame.error = Some(failure.text.clone());
+            } else {
+                frame.notes.push(format!("{}: {}", failure.file.display(), failure.text));
+            }
         }
         result
     }
@@ -269,7 +275,13 @@ impl<'a> Compare<'a> {
         let limits = memory::limits(self.job.run.memory, self.need(item).most);
         let (reference, test) = stage.read(record, || {
             let read = |path| lacuna_exr::read(path, &limits).map_err(|error| Failure::at(path, error));
-            Ok((read(&item.input)?, read(&item.output)?))
+            let reference = read(&item.input)?;
+            if !item.output.exists() {
+                let text = "the test image does not exist: make it, or leave its frame out with --frames \
+                            (--missing-frame skip is for references)";
+                return Err(Failure::at(&item.output, text));
+            }
+            Ok((reference, read(&item.output)?))
         })?;
         warn_of(&reference, &test);
         let (masks, unknown) = self.mask_of(item, &reference, &test, limits)?;
@@ -292,7 +304,7 @@ impl<'a> Compare<'a> {
         for note in &compared.notes {
             tracing::warn!("{note}");
         }
-        stage.write(record, || self.write_maps(item, std::mem::take(&mut seen.maps)))?;
+        let written = stage.write(record, || self.write_maps(item, std::mem::take(&mut seen.maps)));
         let mut found = self.found();
         if wants_changes {
             compared.notes.extend(self.why_no_flicker(item, &found.flicker));
@@ -315,7 +327,7 @@ impl<'a> Compare<'a> {
                 stage.solve_more(record, || pairs.iter().flat_map(Pair::changes).collect());
             self.found().enter(&changes);
         }
-        Ok(())
+        written
     }
 
     /// What keeps a frame of a sequence from having a flicker, if anything does; the first one has none.

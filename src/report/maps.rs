@@ -1,7 +1,7 @@
 //! The maps of a frame's differences: one EXR file with every map as values, and PNG files to look at.
 //!
 //! EXR, 32-bit floats, the parts, windows and aspect of the reference: `error.CHANNEL` (absolute, 0 where a value is not finite), `ssim.CHANNEL`, and for colours
-//! `cieluv` and `flip`, each behind the name of its layer. PNG, grey: error 0 to 0.1 of the peak, CIELUV 0 to 20, SSIM 0 to
+//! `cieluv` and `flip` (with the group's components where the name is taken), each behind the name of its layer. PNG, grey: error 0 to 0.1 of the peak, CIELUV 0 to 20, SSIM 0 to
 //! 1, FLIP 0 to 1.
 
 use lacuna_exr::{Attribute, Attributes, Channel, Frame, Part, Samples};
@@ -38,6 +38,15 @@ impl Maps {
         let prefix = |map: &str| {
             if report.layer.is_empty() { map.to_owned() } else { format!("{}.{map}", report.layer) }
         };
+        // Two groups of one layer, as colours and their luminance, would give both their maps one name.
+        let of_group = |map: &str| {
+            let known = self.parts.iter().filter(|(known, _)| *known == report.part);
+            let mut channels = known.flat_map(|(_, part)| &part.channels);
+            let name = prefix(map);
+            let taken = channels.any(|one| one.name == name.as_bytes());
+            let components = report.channels.iter().map(|name| Name::new(name).component);
+            if taken { format!("{name}.{}", components.collect::<String>()) } else { name }
+        };
         let mut errors = Vec::new();
         let mut channels = Vec::new();
         let all = images.reference.iter().zip(images.test).zip(images.similarity).zip(&report.channels);
@@ -53,7 +62,7 @@ impl Maps {
         }
         let colours = [("cieluv", images.cieluv), ("flip", images.flip)];
         for (name, map) in colours.iter().filter_map(|(name, map)| Some((name, (*map)?))) {
-            channels.push(channel(&prefix(name), map));
+            channels.push(channel(&of_group(name), map));
         }
         if report.kind == Kind::Colour {
             let similar: Vec<&Plane> = images.similarity.iter().map(|similarity| &similarity.map).collect();
@@ -104,7 +113,11 @@ impl Maps {
         if let Ok(png) = raster::png((size.width, size.height), kind, raster::Compression::Fast, &bytes) {
             let safe = |c: char| if c.is_alphanumeric() || ".-_".contains(c) { c } else { '-' };
             let label: String = images.report.label().chars().map(safe).collect();
-            self.pictures.push((format!("{label}.{name}"), png));
+            let numbered = (2..).map(|number| format!("{label}-{number}.{name}"));
+            let mut names = std::iter::once(format!("{label}.{name}")).chain(numbered);
+            // Labels may differ in the signs alone that names of files should not have.
+            let free = names.find(|name| self.pictures.iter().all(|(other, _)| other != name));
+            self.pictures.extend(free.map(|name| (name, png)));
         }
     }
 
