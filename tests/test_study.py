@@ -3,6 +3,7 @@
 import csv
 import fcntl
 import json
+import re
 import signal
 import subprocess
 import time
@@ -338,3 +339,20 @@ def test_a_frame_that_is_missing_is_named(tmp_path):
     path.write_text(path.read_text().replace("smooth.exr", "none.exr"))
     result = tool.lacuna("study", path, "-o", tmp_path / "out", ok=False)
     assert result.status == 1 and "none.exr" in result.stderr and len(result.lines()) == 1
+
+
+def test_what_is_wrong_with_the_text_is_told_in_one_line(tmp_path):
+    path = definition(tmp_path)
+    path.write_text(path.read_text() + "\nseeds = [[1]\n")
+    result = tool.lacuna("study", path, "-o", tmp_path / "out", ok=False)
+    (line,) = result.lines()
+    assert result.status == 2 and re.search(r": line \d+: ", line) and "|" not in line, line
+
+
+def test_frames_that_every_filter_matches_have_no_empty_figure(tmp_path):
+    frames.write(tmp_path / "flat.exr", dict.fromkeys("RGB", np.full((24, 30), 0.5, np.float32)))
+    (tmp_path / "flat.toml").write_text('patterns = ["grid"]\ndensities = [0.25]\nfilters = ["nearest"]\n[[frames]]\nname = "flat"\nfile = "flat.exr"\n')
+    tool.lacuna("study", "-q", tmp_path / "flat.toml", "-o", tmp_path / "out")
+    names = {path.name for path in (tmp_path / "out").rglob("*.svg")}
+    assert "seconds-flat.svg" in names and "psnr-flat.svg" not in names, names
+    assert "1 cell: 1 frame, patterns grid, densities 25 %, 1 seed, filters nearest" in next((tmp_path / "out").glob("*.html")).read_text()

@@ -37,12 +37,15 @@ pub fn read_rules(path: &Path) -> Result<Vec<Override>, String> {
     parse(&String::from_utf8(bytes).map_err(|error| fail(&error))?).map_err(|why| fail(&why))
 }
 
+/// What is wrong with a text of TOML, and in which line.
+pub fn problem(text: &str, error: &toml::de::Error) -> String {
+    let line = error.span().map(|span| 1 + text[..span.start.min(text.len())].matches('\n').count());
+    let line = line.map(|line| format!("line {line}: ")).unwrap_or_default();
+    format!("{line}{}", error.message())
+}
+
 fn parse(text: &str) -> Result<Vec<Override>, String> {
-    let file: File = toml::from_str(text).map_err(|error| {
-        let line = error.span().map(|span| 1 + text[..span.start.min(text.len())].matches('\n').count());
-        let line = line.map(|line| format!("line {line}: ")).unwrap_or_default();
-        format!("{line}{}", error.message())
-    })?;
+    let file: File = toml::from_str(text).map_err(|error| problem(text, &error))?;
     let one = |entry: Entry| {
         let asked: Override = format!("{}={}", entry.glob, entry.rule)
             .parse()

@@ -16,7 +16,7 @@ mod rules;
 mod tests;
 mod unheeded;
 
-pub use file::{print_rules, read_rules};
+pub use file::{print_rules, problem, read_rules};
 pub use finite::{non_finite, non_finite_among, non_finite_note};
 pub use geometry::{is_albedo, is_coordinate, is_position};
 use lacuna_exr::{Frame, Part, Samples};

@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::figures::KINDS;
 use super::selection::Selection;
+use crate::channels::problem;
 use crate::files::ranges::Frames;
 
 /// A study as its file has it.
@@ -98,7 +99,7 @@ pub struct SheetDefinition {
     pub filters: Vec<String>,
     /// First column and row (absolute), width and height of what is shown; all if nothing.
     pub window: Option<[i32; 4]>,
-    /// Width of a tile in pixels, 16 to 1024.
+    /// Width of a tile in pixels at most, 16 to 1024: nothing is enlarged.
     #[serde(default = "tile")]
     pub tile: usize,
 }
@@ -150,7 +151,7 @@ impl Definition {
     /// # Errors
     /// As [`Self::read`].
     pub fn parse(text: &str) -> Result<Self, DefinitionError> {
-        let mut found: Self = toml::from_str(text).map_err(|error| DefinitionError(error.to_string()))?;
+        let mut found: Self = toml::from_str(text).map_err(|error| DefinitionError(problem(text, &error)))?;
         found.spell().and_then(|()| found.check()).map_err(DefinitionError)?;
         Ok(found)
     }

@@ -52,16 +52,17 @@ pub fn figures(rows: &[Row]) -> Result<Vec<Figure>, String> {
         if own.is_empty() {
             continue;
         }
-        all.push(figure(frame, PSNR, &own)?);
-        all.push(figure(frame, SECONDS, &own)?);
+        all.extend(figure(frame, PSNR, &own)?);
+        all.extend(figure(frame, SECONDS, &own)?);
         if own.iter().any(|row| row.pattern == "random") && own.iter().any(|row| row.pattern != "random") {
-            all.push(figure(frame, GAIN, &own)?);
+            all.extend(figure(frame, GAIN, &own)?);
         }
     }
     Ok(all)
 }
 
-fn figure(frame: &str, kind: &'static str, rows: &[&Row]) -> Result<Figure, String> {
+/// Nothing where no line has a point, as PSNR of frames that every filter matches to the bit.
+fn figure(frame: &str, kind: &'static str, rows: &[&Row]) -> Result<Option<Figure>, String> {
     let filters = distinct(rows.iter().map(|row| row.filter.as_str()));
     let mut patterns = distinct(rows.iter().map(|row| row.pattern.as_str()));
     // The even patterns in solid lines, the random one dashed.
@@ -83,6 +84,9 @@ fn figure(frame: &str, kind: &'static str, rows: &[&Row]) -> Result<Figure, Stri
             }
         }
     }
+    if lines.is_empty() {
+        return Ok(None);
+    }
     let (title, y) = match kind {
         GAIN => (format!("{frame}: gain over random samples"), "PSNR less that of random (dB)"),
         SECONDS => (format!("{frame}: time of filling"), "processor time, one thread (s)"),
@@ -98,7 +102,7 @@ fn figure(frame: &str, kind: &'static str, rows: &[&Row]) -> Result<Figure, Stri
         styles: patterns.iter().map(ToString::to_string).collect(),
         lines,
     };
-    Ok(Figure { name: format!("{kind}-{frame}"), title, svg: chart.svg()? })
+    Ok(Some(Figure { name: format!("{kind}-{frame}"), title, svg: chart.svg()? }))
 }
 
 /// The PSNR that an axis has: equal images have an infinite one.

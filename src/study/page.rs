@@ -52,20 +52,24 @@ pub fn page(
     shell(&escape(&definition.title), &body, "", true)
 }
 
+fn counted(count: usize, what: &str) -> String {
+    format!("{count} {what}{}", if count == 1 { "" } else { "s" })
+}
+
 fn summary(definition: &Definition, rows: &[Row]) -> String {
     let failed = rows.iter().filter(|row| row.error.is_some()).count();
     let bad = if failed > 0 {
-        format!("<p class=\"verdict bad\">{failed} cells failed; the table says why</p>")
+        format!("<p class=\"verdict bad\">{} failed; the table says why</p>", counted(failed, "cell"))
     } else {
         String::new()
     };
     format!(
-        "{bad}<p>{} cells: {} frames, patterns {}, densities {}, {} seeds, filters {}. {}. lacuna {}.</p>",
-        rows.len(),
-        definition.frames.len(),
+        "{bad}<p>{}: {}, patterns {}, densities {}, {}, filters {}. {}. lacuna {}.</p>",
+        counted(rows.len(), "cell"),
+        counted(definition.frames.len(), "frame"),
         escape(&definition.patterns.join(", ")),
         percents(&definition.densities).join(", "),
-        definition.seeds.len(),
+        counted(definition.seeds.len(), "seed"),
         escape(&definition.filters.join(", ")),
         if definition.display {
             "Compared after the sRGB curve"
@@ -126,7 +130,7 @@ fn all(rows: &[Row], body: &mut String) {
             escape(&row.pattern)
         );
         if let Some(error) = &row.error {
-            let _ = writeln!(body, "<td colspan=\"9\">{}</td></tr>", escape(error));
+            let _ = writeln!(body, "<td class=\"notes\" colspan=\"9\">{}</td></tr>", escape(error));
             continue;
         }
         let mut cell = |value: Option<f64>, digits: usize| {

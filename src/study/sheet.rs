@@ -249,7 +249,8 @@ impl Sheet {
     fn captioned(&self, (x, y): (usize, usize), png: &str, caption: &str) -> String {
         let (width, height) = (self.width, self.height);
         format!(
-            "<image x=\"{x}\" y=\"{y}\" width=\"{width}\" height=\"{height}\" href=\"data:image/png;base64,{png}\"/>\n{}",
+            "<image x=\"{x}\" y=\"{y}\" width=\"{width}\" height=\"{height}\" href=\"data:image/png;base64,{png}\"/>\n\
+             <rect x=\"{x}\" y=\"{y}\" width=\"{width}\" height=\"{height}\" fill=\"none\" stroke=\"#999\"/>\n{}",
             text((x, y + height + 13), caption, "normal")
         )
     }
