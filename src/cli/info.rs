@@ -64,6 +64,13 @@ impl InfoArgs {
                     .into(),
             ));
         }
+        let is_report = |path: &&PathBuf| path.extension().is_some_and(|ending| ending == "json");
+        if let Some(path) = self.frames.iter().find(is_report).filter(|_| self.json) {
+            let path = path.display();
+            return Err(Usage(format!(
+                "--json takes no file and prints: give the frames alone, and > {path}"
+            )));
+        }
         let rules = self.rules.iter().flatten().next().map(PathBuf::as_path);
         Ok(InfoJob {
             frames: self.frames.clone(),

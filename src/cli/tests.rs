@@ -366,6 +366,7 @@ fn nonsense_is_a_usage_error() {
         "render a.toml -o b.exr --time-limit 1",
         "info",
         "info a.exr --rules --json",
+        "info a.exr --json a.json",
         "what",
     ] {
         let text = usage(line);
