@@ -306,3 +306,59 @@ def test_texture_and_gloss_gain_five_decibels(tmp_path):
     gain = frames.psnr(out, full) - frames.psnr(plain, full)
     print(f"gallery: {frames.psnr(plain, full):.2f} to {frames.psnr(out, full):.2f} dB")
     assert gain >= 5
+
+
+def test_what_is_complete_is_kept_by_every_filter_and_again(tmp_path):
+    known, light = balls()
+    mask = random_mask(0.25, 3)
+    noise = np.random.default_rng(2).random((96, 96)).astype(np.float32) + 1
+    own = kept(light, mask) | {"mask": mask.astype(np.float32), "Z": noise}
+    pbrt = {f"P{axis}": known[f"N.{axis.upper()}"] + 1 for axis in "xyz"}
+    source = frames.write(tmp_path / "in.exr", [frames.part(own, name="a"), frames.part(pbrt | {"objectId": mask.astype(np.uint32)}, name="b")])
+    for words in (["--filter", "edge"], ["--filter", "nearest"], ["--filter", "ss", "--ss-lambda", "0.01"], ["--filter", "ss", "--guides", "P*"], []):
+        first, again = tmp_path / "out.exr", tmp_path / "again.exr"
+        lacuna("fill", source, "-o", first, "--no-estimate", *words)
+        lacuna("verify", source, first)
+        lacuna("fill", first, "-o", again, "--again", "--no-estimate", *words)
+        for path in (first, again):
+            one, other = frames.read(path)
+            assert frames.same_bits(one["Z"], noise), (words, path)
+            assert all(frames.same_bits(other[name], plane) for name, plane in pbrt.items()), (words, path)
+        lacuna("verify", source, again)
+        same = [frames.same_bits(frames.read(first)[0][name], frames.read(again)[0][name]) for name in "RGB"]
+        assert all(same) or "--ss-lambda" in words, words
+        lists = [json.loads(part.header["lacuna/kept"]) for part in frames.OpenEXR.File(str(again)).parts]
+        assert lists == [["Z", "mask"], ["Px", "Py", "Pz"]], words
+    lacuna("fill", source, "-o", tmp_path / "none.exr", "--filter", "nearest", "--guides", "none")
+    assert not frames.same_bits(frames.read(tmp_path / "none.exr")[0]["Z"], noise)
+
+
+def test_what_a_fill_made_is_no_guide_of_the_next(tmp_path):
+    known, light = balls()
+    mask = random_mask(0.25, 3)
+    normals = {name: plane for name, plane in known.items() if name[0] == "N"}
+    source = frames.write(tmp_path / "in.exr", kept(light | normals, mask) | {"mask": mask.astype(np.float32)})
+    guides = frames.write(tmp_path / "aov.exr", normals)
+    lacuna("fill", source, "-o", tmp_path / "out.exr", "--guides-from", guides, "--channels", "N.*=normal")
+    assert frames.OpenEXR.File(str(tmp_path / "out.exr")).header()["lacuna/guides"] == "N"
+    assert "guides: N" not in lacuna("info", tmp_path / "out.exr").stdout
+    assert "guided by" not in lacuna("fill", tmp_path / "out.exr", "-o", tmp_path / "again.exr", "--again").stderr
+    plain = lacuna("fill", source, "-o", tmp_path / "plain.exr")
+    assert plain.status == 0
+    for name in "RGB":
+        assert frames.same_bits(frames.read(tmp_path / "again.exr")[0][name], frames.read(tmp_path / "plain.exr")[0][name])
+
+
+def test_channels_that_a_layer_lacks_are_filled(tmp_path):
+    known, light = balls()
+    mask = random_mask(0.25, 3)
+    channels = kept(light, mask) | {"mask": mask.astype(np.float32)}
+    part = {name: plane if name == "N.Z" else np.where(mask, plane, np.float32(0)) for name, plane in known.items() if name[0] == "N"}
+    inside = known["N.Z"] > 0
+    for words, header in (([], {}), (["--channels", "N.Z=keep"], {}), ([], {"lacuna/dense": "N.Z"})):
+        source = frames.write(tmp_path / "in.exr", channels | part, **header)
+        lacuna("fill", source, "-o", tmp_path / "out.exr", "--no-estimate", *words)
+        out = frames.read(tmp_path / "out.exr")[0]
+        assert (out["N.X"][inside & ~mask] != 0).mean() > 0.9, (words, header)
+        assert frames.same_bits(out["N.Z"], known["N.Z"])
+        lacuna("verify", source, tmp_path / "out.exr")

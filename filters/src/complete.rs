@@ -48,6 +48,27 @@ pub fn is_complete<G: Group + ?Sized>(group: &G, mask: &Mask) -> bool {
     varies && (no_more_often(seen.shares) || no_more_often(between(group, mask)))
 }
 
+/// Whether one channel of a complete group was left out: all missing pixels hold the same, and measured ones beside them something else.
+pub fn is_left_out<G: Group + ?Sized>(channel: &G, mask: &Mask) -> bool {
+    let (flags, width) = (mask.as_slice(), mask.size().width.max(1));
+    let Some(first) = flags.iter().position(|flag| !flag) else { return false };
+    let none = channel.is_blank(first);
+    let same = |at: usize| (none && channel.is_blank(at)) || channel.are_same(first, at);
+    if (first..flags.len()).any(|at| !flags[at] && !same(at)) {
+        return false;
+    }
+    let missing = |at: usize| flags.get(at).is_some_and(|flag| !flag);
+    let beside = |at: usize| {
+        let (left, right) =
+            (!at.is_multiple_of(width) && missing(at - 1), at % width + 1 < width && missing(at + 1));
+        left || right || missing(at + width) || (at >= width && missing(at - width))
+    };
+    let mut others = Share::default();
+    let measured = (0..flags.len()).filter(|&at| flags[at] && beside(at));
+    measured.for_each(|at| others.add(!same(at)));
+    others.blank as f64 > MARGIN * others.all as f64
+}
+
 /// Blank pixels among some.
 #[derive(Clone, Copy, Default)]
 struct Share {
@@ -191,6 +212,22 @@ mod tests {
             }
             assert!(!complete(&planes, &mask));
         }
+    }
+
+    #[test]
+    fn a_channel_is_left_out_where_its_group_is_not() {
+        let slice = |plane: &Plane, mask: &Mask| is_left_out([plane].as_slice(), mask);
+        for mask in [scattered(5), scattered(30), scattered(70), chosen()] {
+            assert!(!slice(&disk()[0], &mask));
+            assert!(!slice(&Plane::filled(SIZE, 0.0), &mask) && !slice(&Plane::filled(SIZE, 0.5), &mask));
+            for clear in [0.0, 1.0, f32::NAN] {
+                assert!(slice(&sparse(clear, &mask)[0], &mask), "{clear} {}", mask.count());
+            }
+        }
+        // A lost bucket in a floor.
+        let bucket = Mask::from_fn(SIZE, |y, x| !(8..24).contains(&y) || x < 8);
+        let floor = Plane::from_fn(SIZE, |y, _| if y < 40 { 0.0 } else { y as f32 });
+        assert!(!slice(&floor, &bucket));
     }
 
     #[test]

@@ -21,14 +21,14 @@ pub use finite::{non_finite, non_finite_among, non_finite_note};
 pub use geometry::{is_albedo, is_coordinate, is_position};
 use lacuna_exr::{Frame, Part, Samples};
 pub use names::{
-    Name, channel_label, full_names, list_channels, names_view, part_label, rgb_place, view_of, visible,
-    words,
+    Name, channel_label, full_names, list_channels, names_view, part_label, rgb_place, view_of, views,
+    visible, without_view, words,
 };
 pub use overrides::{Override, OverrideError};
 pub use picture::{MAIN, Shown, shown};
 pub use rules::{
-    by_default, is_alpha, is_bits, is_chroma, is_code, is_colour, is_label, is_light, is_matte, meaning,
-    motion_axis,
+    by_default, is_alpha, is_bits, is_chroma, is_code, is_colour, is_label, is_light, is_main_alpha,
+    is_matte, meaning, motion_axis,
 };
 use serde::Serialize;
 pub use unheeded::unheeded;
@@ -87,7 +87,7 @@ pub enum DecidedBy {
     Name,
     /// Its name, but its siblings are not all there.
     IncompleteNormal,
-    /// It is complete and guides others.
+    /// It is complete, and may guide others.
     Guide,
 }
 
@@ -112,7 +112,7 @@ pub fn choose(frame: &Frame, mask_channels: &[Vec<usize>], overrides: &[Override
                 if is_mask_channel(mask_channels, index, channel) {
                     return Choice::new(Rule::Keep, DecidedBy::SamplingMask, "the sampling mask");
                 }
-                choose_one(part, channel, overrides, &dense)
+                choose_one((frame, part, channel), overrides, &dense)
             })
             .collect();
         demote_incomplete_normals(part, &mut choices);
@@ -126,9 +126,10 @@ impl Choice {
         Self { rule, by, why: why.into() }
     }
 
-    /// Keeps a channel that is complete and guides others.
-    pub fn guide(&mut self) {
-        *self = Self::new(Rule::Keep, DecidedBy::Guide, format!("{}, complete: a guide", self.why));
+    /// Keeps a channel that is complete, and may guide others.
+    pub fn complete(&mut self, guides: bool) {
+        let why = if guides { "complete: a guide" } else { "complete" };
+        *self = Self::new(Rule::Keep, DecidedBy::Guide, format!("{}, {why}", self.why));
     }
 }
 
@@ -151,7 +152,11 @@ pub fn normal_triple(part: &Part, choices: &[Choice], channel: usize) -> Option<
     })
 }
 
-fn choose_one(part: &Part, channel: usize, overrides: &[Override], dense: &[String]) -> Choice {
+fn choose_one(
+    (frame, part, channel): (&Frame, &Part, usize),
+    overrides: &[Override],
+    dense: &[String],
+) -> Choice {
     let name = part.channels[channel].display_name();
     let uint = matches!(part.channels[channel].samples, Samples::Uint(_));
     if let Some(found) = overrides.iter().find(|candidate| candidate.matches(&name)) {
@@ -173,7 +178,10 @@ fn choose_one(part: &Part, channel: usize, overrides: &[Override], dense: &[Stri
     if dense.iter().any(|listed| listed == &*name) {
         return Choice::new(Rule::Keep, DecidedBy::Dense, format!("listed in {DENSE}"));
     }
-    let (rule, why) = by_default(part, channel);
+    let (mut rule, mut why) = by_default(part, channel);
+    if !matches!(rule, Rule::Keep | Rule::Nearest) && rules::is_cryptomatte_in(frame, part, channel) {
+        (rule, why) = (Rule::Nearest, "Cryptomatte, by the attributes of another part");
+    }
     Choice::new(rule, DecidedBy::Name, why)
 }
 
@@ -197,7 +205,8 @@ pub fn list_dense<'a>(part: &mut Part, names: impl IntoIterator<Item = &'a str>)
     part.attributes.set_text(DENSE, &all.join(between));
 }
 
-fn demote_incomplete_normals(part: &Part, choices: &mut [Choice]) {
+/// Fills normals by themselves whose siblings are none, or are kept.
+pub fn demote_incomplete_normals(part: &Part, choices: &mut [Choice]) {
     let incomplete: Vec<_> = (0..choices.len())
         .filter(|&i| choices[i].rule == Rule::Normal && normal_triple(part, choices, i).is_none())
         .collect();

@@ -58,6 +58,23 @@ pub fn view_of(part: &Part, name: &str) -> Option<String> {
     Some(listed_view(part, name).unwrap_or(first))
 }
 
+/// The views that channels of a part belong to; one that is none where it has no views.
+pub fn views(part: &Part) -> Vec<Option<String>> {
+    let mut views: Vec<_> = part.channels.iter().map(|one| view_of(part, &one.display_name())).collect();
+    views.sort();
+    views.dedup();
+    views
+}
+
+/// A channel's name without the view that the `multiView` attribute makes of a component.
+pub fn without_view(part: &Part, name: &str) -> String {
+    let Some(view) = listed_view(part, name) else { return name.into() };
+    let mut words: Vec<&str> = name.split('.').collect();
+    let last = words.len().saturating_sub(2);
+    words.remove(if words[last] == view { last } else { 0 });
+    words.join(".")
+}
+
 /// Whether a view is said: by the part, or in the channel's name.
 pub fn names_view(part: &Part, name: &str) -> bool {
     part.view().is_some() || listed_view(part, name).is_some()

@@ -1,12 +1,13 @@
 //! The default rules: what a channel's name, type and part say about it, as a table read from the top.
 
-use lacuna_exr::{Channel, Part, Samples, Window};
+use lacuna_exr::{Channel, Frame, Part, Samples, Window};
 
 use super::Rule;
 use super::geometry::{
     DEPTHS, NORMALS, is_clear_motion, is_coordinate, is_motion, is_position, is_statistic,
 };
-use super::names::{Name, words};
+use super::names::{Name, without_view, words};
+use super::picture::MAIN;
 
 /// What the rows of the table look at.
 struct Subject<'a> {
@@ -141,13 +142,24 @@ fn is_uint(subject: &Subject<'_>) -> bool {
 
 /// The attribute `cryptomatte/<id>/name` is the layer that the ranks `<name>00`, `<name>01` ... append a number to.
 fn is_listed_cryptomatte(subject: &Subject<'_>) -> bool {
-    subject.part.attributes.iter().any(|attribute| {
+    lists_cryptomatte(subject.part, subject)
+}
+
+/// Whether the attributes of any part of the frame list a channel as Cryptomatte.
+pub fn is_cryptomatte_in(frame: &Frame, part: &Part, channel: usize) -> bool {
+    Subject::new(part, channel)
+        .is_some_and(|subject| frame.parts.iter().any(|other| lists_cryptomatte(other, &subject)))
+}
+
+fn lists_cryptomatte(part: &Part, subject: &Subject<'_>) -> bool {
+    part.attributes.iter().any(|attribute| {
         let key = String::from_utf8_lossy(&attribute.name);
         if !key.starts_with("cryptomatte/") || !key.ends_with("/name") {
             return false;
         }
         let name = String::from_utf8_lossy(&attribute.value);
-        let layer = Name::new(&subject.full).layer;
+        let full = without_view(subject.part, &subject.full);
+        let layer = Name::new(&full).layer;
         let rest = layer.strip_prefix(&*name).filter(|_| !name.is_empty());
         rest.is_some_and(|rest| rest.chars().all(|letter| letter.is_ascii_digit()))
     })
@@ -287,6 +299,12 @@ pub fn is_chroma(full: &str) -> bool {
 pub fn is_alpha(full: &str) -> bool {
     let component = Name::new(full).component.to_ascii_lowercase();
     ["a", "alpha", "ar", "ag", "ab"].contains(&component.as_str())
+}
+
+/// Whether a channel is the alpha of a part's colour itself, in whichever view.
+pub fn is_main_alpha(part: &Part, full: &str) -> bool {
+    let main = |layer: &str| layer.is_empty() || MAIN.contains(&layer.to_ascii_lowercase().as_str());
+    is_alpha(full) && main(Name::new(&without_view(part, full)).layer)
 }
 
 /// Whether a channel holds one identifier a pixel, by its name (not Cryptomatte, which holds several).

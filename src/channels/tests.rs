@@ -147,6 +147,23 @@ fn cryptomatte_by_its_attributes() {
 }
 
 #[test]
+fn cryptomatte_of_a_view_and_of_another_part() {
+    let mut stereo = with(&["Asset00.right.R", "right.Asset01.G", "Asset00.top.R"]);
+    stereo.attributes.set_text("cryptomatte/1a2b3c4/name", "Asset");
+    let views = ["left", "right"]
+        .iter()
+        .flat_map(|view| [&(view.len() as u32).to_le_bytes(), view.as_bytes()].concat());
+    stereo.attributes.set("multiView", "stringvector", views.collect());
+    let rules = choices(stereo.clone(), &[]);
+    let listed: Vec<_> =
+        rules.iter().filter(|(_, rule)| *rule == Rule::Nearest).map(|(name, _)| name.as_str()).collect();
+    assert_eq!(listed, ["Asset00.right.R", "right.Asset01.G"]);
+    let apart = frame(vec![stereo, with(&["Asset00.R", "R"])]);
+    let apart: Vec<_> = choose(&apart, &[], &[])[1].iter().map(|choice| choice.rule).collect();
+    assert_eq!(apart, [Rule::Nearest, Rule::Fill]);
+}
+
+#[test]
 fn overrides_come_first_and_the_first_wins() {
     let make = || with(&["Diffuse Direct.R", "R", "id.R", "mask"]);
     let rules: Vec<_> =

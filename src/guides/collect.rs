@@ -11,7 +11,12 @@ use super::{Guide, Kind};
 ///
 /// # Errors
 /// [`Error::SizeMismatch`] if a part's pixels are others.
-pub fn collect(guides: &[Guide], frame: &Frame, second: Option<&Frame>, size: Size) -> Result<Guides, Error> {
+pub fn collect<'a>(
+    guides: impl IntoIterator<Item = &'a Guide>,
+    frame: &Frame,
+    second: Option<&Frame>,
+    size: Size,
+) -> Result<Guides, Error> {
     let mut taken = Guides::new(size);
     for guide in guides {
         let Some(source) = (if guide.second { second } else { Some(frame) }) else { continue };

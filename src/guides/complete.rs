@@ -4,13 +4,18 @@
 use half::f16;
 use lacuna_exr::{Compression, Samples};
 use lacuna_filters::Mask;
-use lacuna_filters::complete::{Group, is_complete};
+use lacuna_filters::complete::{Group, is_complete, is_left_out};
 
-/// Whether the group, channels of one part that came in this compression, is complete over a mask.
+/// Whether the group, channels of one part that came in this compression, is complete over a mask, and no channel left out of it.
 pub fn complete(group: &[&Samples], compression: Compression, mask: &Mask) -> bool {
     let zero = |samples: &&Samples| compression.zero_within(samples.kind());
-    let group: Vec<(&Samples, f32)> = group.iter().map(|samples| (*samples, zero(samples))).collect();
-    is_complete(&Stored(&group), mask)
+    let all: Vec<(&Samples, f32)> = group.iter().map(|samples| (*samples, zero(samples))).collect();
+    is_complete(&Stored(&all), mask) && group.iter().all(|one| !left_out(one, compression, mask))
+}
+
+/// Whether a channel was left out of a complete group.
+pub fn left_out(one: &Samples, compression: Compression, mask: &Mask) -> bool {
+    is_left_out(&Stored(&[(one, compression.zero_within(one.kind()))]), mask)
 }
 
 /// Channels, and what is zero to each.

@@ -10,6 +10,9 @@ use crate::mask::FILTER;
 /// The attribute that says from which channels others of a part were copied, in JSON.
 pub const COPIED: &str = "lacuna/copied";
 
+/// The attribute that names the channels of a filled part that the fill left as they came, in JSON.
+pub const KEPT: &str = "lacuna/kept";
+
 /// A channel that was copied.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Copied {
@@ -73,8 +76,13 @@ pub fn read(attributes: &Attributes) -> Vec<Copied> {
     attributes.text(COPIED).and_then(|text| serde_json::from_str(&text).ok()).unwrap_or_default()
 }
 
-/// Per part and channel, whether its missing pixels were filled; those that guided the fill, or that others were copied from, were complete
-/// before. A part that nothing filled is as it came.
+/// Writes which channels of a part were kept.
+pub fn write_kept(attributes: &mut Attributes, kept: &[&str]) {
+    attributes.set_text(KEPT, &serde_json::Value::from(kept).to_string());
+}
+
+/// Per part and channel, whether its missing pixels were filled. A part that nothing filled is as it came. Frames that name no channels that were kept
+/// are older: what guided their fill, or others were copied from, was complete before.
 pub fn made(frame: &Frame, choices: &[Vec<Choice>]) -> Vec<Vec<bool>> {
     let twins = frame.parts.iter().enumerate().flat_map(|(own, part)| {
         let copied = read(&part.attributes).into_iter();
@@ -84,6 +92,8 @@ pub fn made(frame: &Frame, choices: &[Vec<Choice>]) -> Vec<Vec<bool>> {
     let of_part = |(index, part): (usize, &Part)| {
         let filled = part.attributes.text(FILTER).is_some();
         let guided = part.attributes.text(GUIDES).unwrap_or_default();
+        let kept = part.attributes.text(KEPT);
+        let kept = kept.and_then(|text| serde_json::from_str::<Vec<String>>(&text).ok());
         let is_guide = |name: &str| {
             let guides = guided
                 .split(", ")
@@ -91,8 +101,12 @@ pub fn made(frame: &Frame, choices: &[Vec<Choice>]) -> Vec<Vec<bool>> {
             guides || twins.iter().any(|(part, twin)| *part == index && twin == name)
         };
         let channels = part.channels.iter().zip(&choices[index]);
+        let was_kept = |name: &str| match &kept {
+            Some(kept) => kept.iter().any(|one| one == name),
+            None => is_guide(name),
+        };
         let made = |(channel, choice): (&Channel, &Choice)| {
-            filled && choice.rule != Rule::Keep && !is_guide(&channel.display_name())
+            filled && choice.rule != Rule::Keep && !was_kept(&channel.display_name())
         };
         channels.map(made).collect()
     };

@@ -3,10 +3,10 @@
 use lacuna_exr::{Compression, Frame, Part, Samples, Window};
 use lacuna_filters::Mask;
 
-use super::complete::complete;
+use super::complete::{complete, left_out};
 use super::filled::made;
 use super::{Asked, Error};
-use crate::channels::{self, Choice, DecidedBy, Name, Rule, list_channels, view_of};
+use crate::channels::{self, Choice, DecidedBy, Name, Rule, list_channels, view_of, views, visible};
 use crate::mask::{self, Masks, claimed_density};
 
 /// What a guide is, which says how it is used.
@@ -31,6 +31,15 @@ pub struct Guide {
     pub channels: Vec<usize>,
     /// What it is.
     pub kind: Kind,
+    /// The view that it is of; nothing if it serves all.
+    pub view: Option<String>,
+}
+
+impl Guide {
+    /// Whether it may steer channels of a view.
+    pub fn serves(&self, view: Option<&str>) -> bool {
+        self.view.as_deref().is_none_or(|own| view.is_none_or(|view| own == view))
+    }
 }
 
 /// The guides of every part.
@@ -82,15 +91,38 @@ pub fn find(
             None => of_frame(frame, index, (&missing, masks), choices, asked, &mut found.notes)?,
         };
     }
-    for guide in found.parts.iter().flatten().filter(|guide| !guide.second) {
-        for &at in &guide.channels {
-            let choice = &mut choices[guide.part][at];
-            if choice.rule != Rule::Keep {
-                choice.guide();
-            }
+    let own = found.parts.iter().flatten().filter(|guide| !guide.second);
+    own.for_each(|guide| keep(guide, choices, true));
+    for note in keep_complete(frame, masks, choices) {
+        if !found.notes.contains(&note) {
+            found.notes.push(note);
         }
     }
     Ok(found)
+}
+
+/// Makes the rules of complete channels `keep`, whether they guide or not. Returns what a reader of the log should know.
+pub fn keep_complete(frame: &Frame, masks: &Masks, choices: &mut [Vec<Choice>]) -> Vec<String> {
+    let mut notes = Vec::new();
+    for index in 0..frame.parts.len() {
+        let missing = missing(masks, index);
+        if missing.is_empty() {
+            continue;
+        }
+        let found = of_part(frame, index, (&missing, masks), choices, &Asked::Auto, &mut notes);
+        found.into_iter().flatten().for_each(|guide| keep(&guide, choices, false));
+        channels::demote_incomplete_normals(&frame.parts[index], &mut choices[index]);
+    }
+    notes
+}
+
+fn keep(guide: &Guide, choices: &mut [Vec<Choice>], guides: bool) {
+    for &at in &guide.channels {
+        let choice = &mut choices[guide.part][at];
+        if choice.rule != Rule::Keep {
+            choice.complete(guides);
+        }
+    }
 }
 
 /// The masks of the part's channels that miss something.
@@ -112,35 +144,47 @@ fn of_frame(
 ) -> Result<Vec<Guide>, Error> {
     let mut found = Vec::new();
     for (part, own) in frame.parts.iter().enumerate() {
-        if !alike(&frame.parts[index], own) {
-            continue;
-        }
-        for (guide, why) in candidates(own, part, asked, |at| masks.is_mask_channel(part, at)) {
-            // A rule that was asked for goes before.
-            let overridden = |&at: &usize| {
-                let choice = &choices[part][at];
-                choice.rule != Rule::Keep && choice.by == DecidedBy::Override
-            };
-            if matches!(asked, Asked::Auto) && guide.channels.iter().any(overridden) {
-                continue;
-            }
-            let judges = judges(Some(masks), &guide, missing);
-            let holds = |compression| why == Why::Listed || is_held(own, &guide, compression, &judges);
-            if holds(own.compression) {
-                found.push(guide);
-            } else if why == Why::Asked {
-                return Err(Error::Sparse { channel: guide.name });
-            } else if holds(Compression::None) {
-                let (name, compression) = (guide.name, own.compression.name());
-                let note =
-                    format!("{name}: sparse, as values near zero count as zeros that {compression} changed");
-                if !notes.contains(&note) {
-                    notes.push(note);
-                }
-            }
+        if alike(&frame.parts[index], own) {
+            found.extend(of_part(frame, part, (missing, masks), choices, asked, notes)?);
         }
     }
     check_asked(frame, asked, &found, |guide| &frame.parts[guide.part])?;
+    Ok(found)
+}
+
+/// The complete channels of a part.
+fn of_part(
+    frame: &Frame,
+    part: usize,
+    (missing, masks): (&[&Mask], &Masks),
+    choices: &[Vec<Choice>],
+    asked: &Asked,
+    notes: &mut Vec<String>,
+) -> Result<Vec<Guide>, Error> {
+    let (own, mut found) = (&frame.parts[part], Vec::new());
+    // A rule that was asked for goes before.
+    let overridden = |at: usize| choices[part][at].by == DecidedBy::Override;
+    for (guide, why) in candidates(own, part, asked, |at| masks.is_mask_channel(part, at), overridden) {
+        let ruled = |&at: &usize| choices[part][at].rule != Rule::Keep && overridden(at);
+        if matches!(asked, Asked::Auto) && guide.channels.iter().any(ruled) {
+            continue;
+        }
+        let judges = judges(Some(masks), &guide, missing);
+        let guide = if why == Why::Name { without_left_out(own, guide, &judges) } else { guide };
+        let holds = |compression| why == Why::Listed || is_held(own, &guide, compression, &judges);
+        if holds(own.compression) {
+            found.push(guide);
+        } else if why == Why::Asked {
+            return Err(Error::Sparse { channel: guide.name });
+        } else if holds(Compression::None) {
+            let (name, compression) = (guide.name, own.compression.name());
+            let note =
+                format!("{name}: sparse, as values near zero count as zeros that {compression} changed");
+            if !notes.contains(&note) {
+                notes.push(note);
+            }
+        }
+    }
     Ok(found)
 }
 
@@ -160,6 +204,18 @@ fn judges<'a>(own: Option<&'a Masks>, guide: &Guide, missing: &[&'a Mask]) -> Ve
 fn is_held(part: &Part, guide: &Guide, compression: Compression, judges: &[&Mask]) -> bool {
     let samples: Vec<&Samples> = guide.channels.iter().map(|&at| &part.channels[at].samples).collect();
     judges.iter().all(|mask| complete(&samples, compression, mask))
+}
+
+/// The channels of a candidate that were not left out, if these are only some.
+fn without_left_out(part: &Part, guide: Guide, judges: &[&Mask]) -> Guide {
+    let samples = |at: usize| &part.channels[at].samples;
+    let is_there = |at: &usize| !judges.iter().any(|mask| left_out(samples(*at), part.compression, mask));
+    let channels: Vec<usize> = guide.channels.iter().copied().filter(is_there).collect();
+    if channels.is_empty() || channels.len() == guide.channels.len() {
+        return guide;
+    }
+    let names: Vec<_> = channels.iter().map(|&at| part.channels[at].display_name()).collect();
+    Guide { name: names.join(", "), channels, ..guide }
 }
 
 /// A second frame, and what it says of its pixels.
@@ -214,7 +270,8 @@ impl<'a> Second<'a> {
         let beside = |&at: &usize| at == channel || same(at);
         let channels = (0..own.channels.len()).filter(beside).collect();
         let listed = channels::dense(own).contains(&name);
-        listed || self.holds(&Guide { name, second: true, part, channels, kind: Kind::Values }, &[])
+        listed
+            || self.holds(&Guide { name, second: true, part, channels, kind: Kind::Values, view: None }, &[])
     }
 }
 
@@ -229,12 +286,12 @@ pub fn of_larger(
     asked: &Asked,
     notes: &mut Vec<String>,
 ) -> Result<Vec<Guide>, Error> {
-    over((own, window), &[], second, asked, notes)?.ok_or_else(|| of_other_pixels(window))
+    over((own, window), &[], second, asked, notes)?.ok_or_else(|| of_other_pixels(own, window))
 }
 
 /// Why no part of a second frame serves one that is enlarged to a window.
-pub fn of_other_pixels(window: Window) -> Error {
-    Error::LargerWindow { window: shown(window) }
+pub fn of_other_pixels(own: &Part, window: Window) -> Error {
+    Error::LargerWindow { window: shown(own, window) }
 }
 
 fn of_second(
@@ -245,11 +302,18 @@ fn of_second(
     notes: &mut Vec<String>,
 ) -> Result<Vec<Guide>, Error> {
     let window = own.data_window;
-    over((own, window), missing, second, asked, notes)?.ok_or_else(|| Error::Window { window: shown(window) })
+    over((own, window), missing, second, asked, notes)?
+        .ok_or_else(|| Error::Window { window: shown(own, window) })
 }
 
-fn shown(window: Window) -> String {
-    format!("{} at ({}, {})", window.size(), window.x_min, window.y_min)
+/// What a part of the guides' file must have, which none has.
+fn shown(own: &Part, window: Window) -> String {
+    let views: Vec<String> = views(own).into_iter().flatten().collect();
+    let of = match views.as_slice() {
+        [] => String::new(),
+        views => format!("the view {} and ", visible(&views.join(" or "))),
+    };
+    format!("{of}the data window {} at ({}, {})", window.size(), window.x_min, window.y_min)
 }
 
 /// What guides a part over those pixels, of which some are missing; nothing if the second frame has no part with them.
@@ -263,12 +327,16 @@ fn over(
     let frame = second.frame;
     let (mut found, mut sparse, mut fits) = (Vec::new(), Vec::new(), false);
     for (part, other) in frame.parts.iter().enumerate() {
-        if other.data_window != window || (frame.parts.len() > 1 && other.view() != own.view()) {
+        // Parts without a view serve all, as does a file of one.
+        let of_one = frame.parts.len() == 1 && views(other).len() == 1;
+        let meets = || views(other).iter().any(|view| view.is_none() || views(own).contains(view));
+        if other.data_window != window || (frame.parts.len() > 1 && !meets()) {
             continue;
         }
         fits = true;
-        for (guide, why) in candidates(other, part, asked, |at| second.is_mask(part, at)) {
-            let guide = Guide { second: true, ..guide };
+        for (guide, why) in candidates(other, part, asked, |at| second.is_mask(part, at), |_| false) {
+            let view = guide.view.clone().filter(|_| !of_one);
+            let guide = Guide { second: true, view, ..guide };
             if why == Why::Listed || second.holds(&guide, missing) {
                 found.push(guide);
             } else {
@@ -292,7 +360,7 @@ fn over(
 
 /// Whether pixels of one part lie on those of another.
 fn alike(a: &Part, b: &Part) -> bool {
-    a.data_window == b.data_window && a.view() == b.view()
+    a.data_window == b.data_window && views(a).iter().any(|view| views(b).contains(view))
 }
 
 /// Every pattern must have found a channel.
@@ -331,9 +399,10 @@ fn candidates(
     index: usize,
     asked: &Asked,
     is_mask: impl Fn(usize) -> bool,
+    is_apart: impl Fn(usize) -> bool,
 ) -> Vec<(Guide, Why)> {
     let listed = channels::dense(part);
-    let mut found: Vec<(String, Guide, Why)> = Vec::new();
+    let mut found: Vec<((String, bool), Guide, Why, bool)> = Vec::new();
     // By name, as files have them: guides that are rendered with the frame come in another order.
     let mut channels: Vec<usize> = (0..part.channels.len()).filter(|&at| !is_mask(at)).collect();
     channels.sort_by_key(|&at| &part.channels[at].name);
@@ -356,17 +425,20 @@ fn candidates(
         } else {
             layer
         };
-        let key = if alone { name.clone() } else { format!("{stem}\n{view:?}") };
-        let same = found.iter_mut().find(|(other, guide, _)| *other == key && guide.kind == kind && !alone);
-        if let Some((_, guide, _)) = same {
+        // Siblings that the file or the caller says something else of are no group.
+        let (key, apart) = ((stem.to_owned(), layer.is_empty()), is_apart(at));
+        let same = found.iter_mut().filter(|_| !alone).find(|(other, guide, group, ruled)| {
+            (&key, kind, &view, why, apart) == (other, guide.kind, &guide.view, *group, *ruled)
+        });
+        if let Some((_, guide, ..)) = same {
             guide.channels.push(at);
         } else {
             let shown = if alone || stem.is_empty() { name.clone() } else { stem.to_owned() };
-            let guide = Guide { name: shown, second: false, part: index, channels: vec![at], kind };
-            found.push((key, guide, why));
+            let guide = Guide { name: shown, second: false, part: index, channels: vec![at], kind, view };
+            found.push((key, guide, why, apart));
         }
     }
-    found.into_iter().map(|(_, guide, why)| (guide, why)).collect()
+    found.into_iter().map(|(_, guide, why, _)| (guide, why)).collect()
 }
 
 /// Whether `auto` takes a channel for its name.
@@ -374,7 +446,7 @@ fn guides_by_name(part: &Part, at: usize, name: &str) -> bool {
     let (rule, _) = channels::by_default(part, at);
     rule == Rule::Normal
         || rule == Rule::Depth
-        || name == "A"
+        || channels::is_main_alpha(part, name)
         || channels::is_position(name)
         || channels::is_albedo(name)
         || channels::is_label(part, at)

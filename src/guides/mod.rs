@@ -17,8 +17,8 @@ use std::path::Path;
 
 pub use asked::{Asked, AskedError};
 pub use collect::collect;
-pub use filled::{COPIED, Copied, Place, made, read as copied, write as write_copied};
-pub use find::{Found, Guide, Kind, Second, find, of_larger, of_other_pixels};
+pub use filled::{COPIED, Copied, KEPT, Place, made, read as copied, write as write_copied, write_kept};
+pub use find::{Found, Guide, Kind, Second, find, keep_complete, of_larger, of_other_pixels};
 pub use twins::{Twin, twins};
 
 /// The attribute that lists the guides of a filled part.
@@ -57,18 +57,16 @@ pub enum Error {
     },
     /// A second file that does not fit the larger frame.
     #[error(
-        "--guides-from: no part has the data window {window} of the larger frame: render the guides for the pixels of the output"
+        "--guides-from: no part has {window} of the larger frame: render the guides for the pixels of the output"
     )]
     LargerWindow {
-        /// What is made.
+        /// Of what is made.
         window: String,
     },
     /// A second file that does not fit.
-    #[error(
-        "--guides-from: no part has the data window {window} of what is filled: render the guides for the same pixels"
-    )]
+    #[error("--guides-from: no part has {window} of what is filled: render the guides for the same pixels")]
     Window {
-        /// What is filled.
+        /// Of what is filled.
         window: String,
     },
 }

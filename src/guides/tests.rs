@@ -77,7 +77,71 @@ fn auto_takes_what_is_complete_and_keeps_it() {
     assert_eq!(rule(&frame, &choices, "N.X"), Rule::Normal);
     let (found, choices) = search(&frame, "Z,N.*", None).unwrap();
     assert_eq!(found.names(0), ["N", "Z"]);
-    assert_eq!((rule(&frame, &choices, "A"), rule(&frame, &choices, "N.Y")), (Rule::Fill, Rule::Keep));
+    // What is complete is kept, whether it guides or not.
+    assert_eq!((rule(&frame, &choices, "A"), rule(&frame, &choices, "N.Y")), (Rule::Keep, Rule::Keep));
+}
+
+#[test]
+fn channels_that_were_left_out_of_a_layer_are_filled() {
+    let part_of = |x: Vec<f32>, y: Vec<f32>| {
+        board([colour(), vec![half("N.X", &x), half("N.Y", &y), half("N.Z", &ramp(6))]].concat())
+    };
+    let alone = frame(vec![part_of(sparse(4), sparse(5))]);
+    let (found, choices) = search(&alone, "auto", None).unwrap();
+    assert_eq!(found.names(0), ["N.Z"]);
+    assert_eq!((rule(&alone, &choices, "N.X"), rule(&alone, &choices, "N.Z")), (Rule::Fill, Rule::Keep));
+    assert_eq!(search(&alone, "N.*", None), Err(Error::Sparse { channel: "N".into() }));
+    let mut listed = part_of(sparse(4), ramp(5));
+    listed.attributes.set_text(crate::channels::DENSE, "N.Z,N.Y");
+    let listed = frame(vec![listed]);
+    let (found, choices) = search(&listed, "auto", None).unwrap();
+    assert_eq!(found.parts[0][0].channels.len(), 2);
+    assert_eq!((rule(&listed, &choices, "N.X"), rule(&listed, &choices, "N.Z")), (Rule::Fill, Rule::Keep));
+    let masks = crate::mask::find(&alone, &Source::Auto, None).unwrap();
+    let mut choices = choose(&alone, &masks.mask_channels, &["N.Z=keep".parse().unwrap()]);
+    find(&alone, &masks, &mut choices, &Asked::Auto, None).unwrap();
+    assert_eq!((rule(&alone, &choices, "N.X"), rule(&alone, &choices, "N.Z")), (Rule::Fill, Rule::Keep));
+}
+
+#[test]
+fn views_are_guided_by_their_own() {
+    let right = |channels: Vec<Channel>| -> Vec<Channel> {
+        let named = |channel: Channel| {
+            let name = [b"right.".as_slice(), &channel.name].concat();
+            Channel { name, ..channel }
+        };
+        channels.into_iter().map(named).collect()
+    };
+    let stereo = |channels: Vec<Channel>| {
+        let mut part = part(window(2, -1, 8, 8), channels);
+        let views: Vec<u8> = ["left", "right"]
+            .iter()
+            .flat_map(|view| [&(view.len() as u32).to_le_bytes(), view.as_bytes()].concat())
+            .collect();
+        part.attributes.set("multiView", "stringvector", views);
+        part
+    };
+    let alpha = || vec![half("A", &ramp(9))];
+    let mut own = board([colour(), alpha(), right(colour()), right(alpha())].concat()).channels;
+    own.push(half("RGBA.A", &ramp(3)));
+    let own = frame(vec![stereo(own)]);
+    let (found, choices) = search(&own, "auto", None).unwrap();
+    assert_eq!(found.names(0), ["A", "RGBA.A", "right.A"]);
+    let served = |view: &str| found.parts[0].iter().filter(|guide| guide.serves(Some(view))).count();
+    assert_eq!((served("left"), served("right")), (2, 1));
+    assert_eq!(rule(&own, &choices, "right.A"), Rule::Keep);
+    let of = |view: Option<&str>, channels: Vec<Channel>| {
+        named("", view.unwrap_or_default(), part(window(2, -1, 8, 8), channels))
+    };
+    let views = frame(vec![of(Some("left"), normals(ramp)), of(Some("right"), normals(ramp))]);
+    let (found, _) = search(&own, "auto", Some(&views)).unwrap();
+    let seen: Vec<_> = found.parts[0].iter().map(|guide| guide.view.as_deref()).collect();
+    assert_eq!(seen, [Some("left"), Some("right")]);
+    let plain = frame(vec![of(None, normals(ramp)), of(None, vec![float("Z", &ramp(1))])]);
+    assert!(search(&own, "auto", Some(&plain)).unwrap().0.parts[0].iter().all(|guide| guide.view.is_none()));
+    let other = frame(vec![of(Some("top"), normals(ramp)), of(Some("side"), normals(ramp))]);
+    let error = search(&own, "auto", Some(&other)).unwrap_err().to_string();
+    assert!(error.contains("no part has the view left or right and the data window 8x8"), "{error}");
 }
 
 #[test]
@@ -290,7 +354,8 @@ fn what_was_found_becomes_planes() {
     assert_eq!(guides.unknown(), 1);
     // A constant says nothing.
     let own = frame(vec![board([colour(), normals(ramp)].concat())]);
-    let guide = Guide { name: "R".into(), second: true, part: 0, channels: vec![0], kind: Kind::Values };
+    let guide =
+        Guide { name: "R".into(), second: true, part: 0, channels: vec![0], kind: Kind::Values, view: None };
     let flat = frame(vec![part(window(2, -1, 8, 8), vec![float("R", &[0.5; PIXELS])])]);
     assert!(collect(&[guide], &own, Some(&flat), own.parts[0].size()).unwrap().is_empty());
 }

@@ -52,7 +52,7 @@ pub fn twins(
             let source = &if guide.second { second? } else { frame }.parts[guide.part];
             let other = &source.channels[at];
             let full = other.display_name();
-            let same_view = guide.second || view_of(source, &full) == view_of(part, &name);
+            let same_view = guide.serves(view_of(part, &name).as_deref());
             let fits = same_view && is_float(&other.samples) && are_twins(&name, &full);
             let (name, second, part) = (full.into_owned(), guide.second, guide.part);
             fits.then_some(Twin { channel, name, second, part, at })

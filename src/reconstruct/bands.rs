@@ -88,11 +88,20 @@ fn lacks_samples(error: &Error) -> bool {
     }
 }
 
-/// The guides of a part, or of a band of it.
-fn collect(frame: &Frame, work: &Work<'_>, guides: &[Guide], size: Size) -> Result<Guides, Error> {
+/// The guides of a part, or of a band of it, for each of its views.
+fn collect(
+    frame: &Frame,
+    work: &Work<'_>,
+    guides: &[Guide],
+    size: Size,
+) -> Result<Vec<(Option<String>, Guides)>, Error> {
     let label = || crate::channels::part_label(frame, work.index);
-    guides::collect(guides, frame, work.second, size)
-        .map_err(|source| Error::Filter { channel: label(), source })
+    let of = |view: Option<String>| {
+        let own = guides.iter().filter(|guide| guide.serves(view.as_deref()));
+        Ok((view.clone(), guides::collect(own, frame, work.second, size)?))
+    };
+    let all = crate::channels::views(&frame.parts[work.index]).into_iter().map(of);
+    all.collect::<Result<_, _>>().map_err(|source| Error::Filter { channel: label(), source })
 }
 
 /// Rows of a part.
@@ -395,9 +404,8 @@ mod tests {
     fn filled(mut frame: Frame, job: &Job, bounds: (usize, usize)) -> (Frame, Done) {
         let masks = find(&frame, &job.mask, None).unwrap();
         let choices = choose(&frame, &masks.mask_channels, &[]);
-        let none = Guides::new(frame.parts[0].size());
         let (plans, run) = (Plans::new(), Run::default());
-        let work = Work::alone((0, &masks, &choices[0]), &none, job, &plans, &run);
+        let work = Work::alone((0, &masks, &choices[0]), &[], job, &plans, &run);
         let done = fill_by(&mut frame, &work, &[], bounds).unwrap();
         (frame, done)
     }
@@ -457,9 +465,8 @@ mod tests {
         let guides = guides::find(&sparse, &masks, &mut choices, &"auto".parse().unwrap(), None).unwrap();
         let candidates = guides::twins(&sparse, 0, &choices[0], &guides.parts[0], None);
         let known = twins::known(&sparse, (0, &masks, &choices[0]), candidates, None, &job).unwrap();
-        let none = Guides::new(SIZE);
         let (plans, run) = (Plans::new(), Run::default());
-        let work = Work::alone((0, &masks, &choices[0]), &none, &job, &plans, &run);
+        let work = Work::alone((0, &masks, &choices[0]), &[], &job, &plans, &run);
         let work = Work { twins: &known, ..work };
         let done = fill_by(&mut sparse, &work, &[], (0, 200 * SIZE.width)).unwrap();
         assert!(values(&sparse.parts[0], "A") == twin);

@@ -138,7 +138,8 @@ impl Job {
         let compression = self.compression.map_or("input", Compression::name);
         let overrides: Vec<String> = self.overrides.iter().map(ToString::to_string).collect();
         let mask = self.mask.to_string();
-        let guides = self.wanted().to_string();
+        // What is complete is kept by every filter.
+        let guides = if self.enlarge.is_some() { self.wanted() } else { &self.guides }.to_string();
         let mut line = self.method.settings();
         if let Some(enlarge) = &self.enlarge {
             line = format!("{} fill={} {line}", enlarge.settings(), self.method.name());

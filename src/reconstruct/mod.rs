@@ -51,7 +51,6 @@ pub use job::{Job, Kind, make_writable, output_compression, parse_settings};
 use lacuna_exr::{Frame, Part};
 pub use lacuna_filters::Plans;
 pub use lacuna_filters::domain::Domain;
-use lacuna_filters::variational::guided::Guides;
 use lacuna_filters::{Run, Stop};
 pub use noise::{NoiseError, NoiseSource};
 pub(crate) use part::measured_floats;
@@ -65,7 +64,7 @@ pub(crate) use values::{convert, kind_for, to_half, to_halves, value};
 pub use weights::{Weights, WeightsError};
 
 use crate::channels::{Choice, Rule, non_finite, non_finite_note, part_label, unheeded};
-use crate::guides;
+use crate::guides::{self, Asked};
 use crate::mask::{ATTRIBUTE, Masks, Source};
 use crate::temporal::Neighbours;
 
@@ -112,7 +111,10 @@ pub fn fill_with(
     job.noise.check(&frame)?;
     let Beside { guides: second, neighbours, sources } = beside;
     let mut choices = choices.to_vec();
-    let found = guides::find(&frame, masks, &mut choices, job.wanted(), second)?;
+    let mut found = guides::find(&frame, masks, &mut choices, job.wanted(), second)?;
+    if *job.wanted() == Asked::None && job.guides != Asked::None {
+        found.notes = guides::keep_complete(&frame, masks, &mut choices);
+    }
     let choices = choices.as_slice();
     let stamp = Stamp::new(job, &masks.origin, sources);
     let unheeded = unheeded(&frame, &masks.mask_channels, &job.overrides, choices);
@@ -121,10 +123,9 @@ pub fn fill_with(
     let mut report = Report { copied: true, ..Report::new(&stamp, masks.density(), notes) };
     for (index, choices) in choices.iter().enumerate() {
         let label = part_label(&frame, index);
-        let none = Guides::new(frame.parts[index].size());
         let twins = guides::twins(&frame, index, choices, &found.parts[index], second);
         let twins = twins::known(&frame, (index, masks, choices), twins, second, job)?;
-        let (guides, twins) = (&none, twins.as_slice());
+        let (guides, twins) = (&[][..], twins.as_slice());
         let work = part::Work { index, masks, choices, guides, twins, second, neighbours, job, plans, run };
         let mut done = bands::fill(&mut frame, &work, &found.parts[index])?;
         let same = done.report.channels.iter().all(|channel| channel.filled == 0) && !done.converted;
@@ -153,7 +154,7 @@ pub fn fill_with(
         report.parts.push(done.report);
     }
     report.notes.extend(report.copied.then(|| copied_note(job)));
-    stamp_copies(&mut frame, masks, job, &stamp);
+    stamp_copies(&mut frame, masks, job, &stamp, &report);
     report.total();
     Ok((frame, report))
 }
@@ -171,7 +172,7 @@ pub fn prefixed(label: &str, notes: Vec<String>) -> Vec<String> {
 }
 
 /// Stamps every part of a frame in which nothing was filled: what was asked for is needed to tell that this is right.
-fn stamp_copies(frame: &mut Frame, masks: &Masks, job: &Job, stamp: &Stamp) {
+fn stamp_copies(frame: &mut Frame, masks: &Masks, job: &Job, stamp: &Stamp, report: &Report) {
     let of_job = |part: &Part| Stamp::read(&part.attributes).is_some_and(|own| own.is_of(job));
     if frame.parts.iter().any(of_job) || (masks.is_full() && job.compression.is_none()) {
         return;
@@ -180,6 +181,7 @@ fn stamp_copies(frame: &mut Frame, masks: &Masks, job: &Job, stamp: &Stamp) {
         let mask = mask_name(part, masks, index);
         let density = masks.part_density(index).unwrap_or(1.0);
         stamp.with_mask(mask).write(&mut part.attributes, density, Stop::Converged);
+        report.parts.get(index).into_iter().for_each(|own| stamp::write_kept(&mut part.attributes, own));
     }
 }
 

@@ -36,8 +36,8 @@ pub struct Work<'a> {
     pub masks: &'a Masks,
     /// The part's channel rules.
     pub choices: &'a [Choice],
-    /// Complete planes that may steer the colour.
-    pub guides: &'a Guides,
+    /// Complete planes that may steer the colour, for each of its views.
+    pub guides: &'a [(Option<String>, Guides)],
     /// Complete channels that hold the values of those to be filled.
     pub twins: &'a [Known],
     /// The frame that guides come from, if it is another one.
@@ -56,13 +56,19 @@ impl<'a> Work<'a> {
     /// A part without frames beside it, whose guides are none of its own channels.
     pub fn alone(
         (index, masks, choices): (usize, &'a Masks, &'a [Choice]),
-        guides: &'a Guides,
+        guides: &'a [(Option<String>, Guides)],
         job: &'a Job,
         plans: &'a Plans,
         run: &'a Run<'a>,
     ) -> Self {
         let (twins, second, neighbours) = (&[], None, None);
         Self { index, masks, choices, guides, twins, second, neighbours, job, plans, run }
+    }
+
+    /// The guides of channels of a view, if there are any.
+    pub fn guides_of(&self, view: Option<&str>) -> Option<&'a Guides> {
+        let own = |(of, _): &&(Option<String>, Guides)| of.is_none() || of.as_deref() == view;
+        self.guides.iter().find(own).map(|(_, guides)| guides).filter(|guides| !guides.is_empty())
     }
 }
 

@@ -5,7 +5,7 @@ use lacuna_filters::{METHODS, Method, Plane, Stop};
 
 use super::job::{Job, parse_settings};
 use super::{GroupReport, NoiseSource, PartReport, estimate};
-use crate::channels::Override;
+use crate::channels::{Override, Rule};
 use crate::guides;
 use crate::mask::Source;
 use crate::mask::rounds::ROUNDS;
@@ -49,6 +49,7 @@ pub const ADDED: &[&str] = &[
     SETTLED,
     guides::ATTRIBUTE,
     guides::COPIED,
+    guides::KEPT,
     estimate::ATTRIBUTE,
     temporal::ATTRIBUTE,
 ];
@@ -63,6 +64,7 @@ pub const FILLING: &[&str] = &[
     STOP,
     guides::ATTRIBUTE,
     guides::COPIED,
+    guides::KEPT,
     estimate::ATTRIBUTE,
     temporal::ATTRIBUTE,
 ];
@@ -147,12 +149,13 @@ impl Stamp {
         }
     }
 
-    /// Writes how a part was made: the stamp, the guides, what was copied, and what the samples chose.
+    /// Writes how a part was made: the stamp, the guides, what was copied or kept, and what the samples chose.
     pub fn sign(&self, attributes: &mut Attributes, density: Option<f64>, report: &PartReport) {
         let stop = report.groups.iter().map(|group| group.outcome.stop).max();
         self.write(attributes, density.unwrap_or(1.0), stop.unwrap_or(Stop::Converged));
         write_guides(attributes, report);
         guides::write_copied(attributes, &report.copied);
+        write_kept(attributes, report);
         write_settled(attributes, report);
     }
 
@@ -258,6 +261,12 @@ fn write_guides(attributes: &mut Attributes, report: &PartReport) {
     } else {
         attributes.set_text(guides::ATTRIBUTE, &names.join(", "));
     }
+}
+
+/// Writes which channels of a part are as they came.
+pub fn write_kept(attributes: &mut Attributes, report: &PartReport) {
+    let kept = report.channels.iter().filter(|channel| channel.rule == Rule::Keep);
+    guides::write_kept(attributes, &kept.map(|channel| channel.name.as_str()).collect::<Vec<_>>());
 }
 
 /// Writes which settings the samples chose; parts for which all were said have no such attribute.

@@ -101,6 +101,7 @@ fn what_a_frame_says_of_its_filling_goes() {
         "lacuna/density",
         "lacuna/stop",
         "lacuna/guides",
+        "lacuna/kept",
         "lacuna/dense",
     ];
     for name in told.iter().chain(&["preview", "lacuna/mask", "lacuna/version", "lacuna/scene", "owner"]) {

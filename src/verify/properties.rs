@@ -74,7 +74,8 @@ fn any_job() -> impl Strategy<Value = Job> {
         |(smooth, limit, drop_mask, kind, domain)| {
             let method =
                 if smooth { Method::from(push_pull::Settings) } else { Method::from(nearest::Settings) };
-            Job { domain, limit, kind, drop_mask, ..Job::new(method) }
+            let guides = crate::guides::Asked::None;
+            Job { domain, limit, kind, drop_mask, guides, ..Job::new(method) }
         },
     )
 }

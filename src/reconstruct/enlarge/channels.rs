@@ -93,7 +93,7 @@ fn solve(
     let masks: Vec<_> = group.channels.iter().map(|&at| work.masks.get(work.index, at).cloned()).collect();
     let mut options = Options::new(geometry);
     options.method = method;
-    options.guides = Some(work.guides).filter(|guides| !guides.is_empty());
+    options.guides = work.guides_of(None);
     options.fill = values_options(group, &names, work.job);
     let large = enlarge::complete(&samples, &masks, &options, work.plans, work.run).map_err(fail)?;
     done.notes.extend(overflow_note(&names.join(", "), large.mended));

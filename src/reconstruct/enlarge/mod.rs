@@ -195,6 +195,7 @@ fn part(
         channel.non_finite += lost;
     }
     done.notes.extend(done.report.non_finite());
+    let high = [(None, high)];
     let work = part::Work::alone((index, finite, choices), &high, job, plans, run);
     let before = done.report.groups.len();
     channels::enlarge(frame, (&work, &kinds), (geometry, asked.method), taken, &mut done)?;
@@ -258,6 +259,7 @@ fn low(
         let label = || part_label(frame, index);
         guides = smaller.map_err(|source| Error::Filter { channel: label(), source })?;
     }
+    let guides = [(None, guides)];
     let work = part::Work::alone((index, masks, choices), &guides, &job, plans, run);
     part::fill(frame, &work)
 }
@@ -359,12 +361,12 @@ fn take(
         if named.len() > 1 && strange(at) {
             doubtful.push(name);
         }
-        choice.guide();
+        choice.complete(true);
         Some(parts[at].channels[found].samples.clone())
     };
     let taken = part.channels.iter().zip(choices).map(|(channel, choice)| one(channel, choice)).collect();
     if !other.is_empty() && parts.iter().all(|part| part.data_window != window) {
-        return Err(guides::of_other_pixels(window).into());
+        return Err(guides::of_other_pixels(part, window).into());
     }
     for (names, what) in [
         (sparse, "sparse in the guides' file, and enlarged"),

@@ -202,12 +202,16 @@ fn options<'a>(
     options.gradients = gradients::find(&frame.parts[work.index], masks, group, &method);
     options.method = method;
     options.estimate = work.job.estimate;
+    let view = names.first().and_then(|name| channels::view_of(&frame.parts[work.index], name));
+    let view = view.as_deref();
     options.weights = match counts(work.job) {
-        Some(weights) => weights.plane(frame, work.index).map_err(|error| work.job.noise.named(error))?,
+        Some(weights) => {
+            weights.plane(frame, work.index, view).map_err(|error| work.job.noise.named(error))?
+        }
         None => None,
     };
     let steered = group.values != Values::Directions && names.iter().all(|name| !channels::is_position(name));
-    options.guides = steered.then_some(work.guides).filter(|guides| !guides.is_empty());
+    options.guides = work.guides_of(view).filter(|_| steered);
     Ok(options)
 }
 
