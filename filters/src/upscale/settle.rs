@@ -23,7 +23,7 @@
 //! pixels within bounds cannot have them, and forcing them there makes the image worse: it is clamped, and what `R x` then lacks or has too
 //! much is given to the pixels around once, to each in proportion to the room that it has within its bounds, which keeps the light in
 //! all but for what a second clamp takes. Splines of other weighted means swing further: all of it is given back `FIRST` times, then what is still off
-//! by more than `FAR` of the largest `|y|`, up to `ROUNDS` times. Bars and lamps need it, edges are best left alone. What is left of the target is
+//! by more than `FAR` of the largest `|y|` (all of it from twice that on), up to `ROUNDS` times. Bars and lamps need it, edges are best left alone. What is left of the target is
 //! `off_input`. The distance from the samples would say nothing: true
 //! images, whose pixels straddle edges, are off theirs by a tenth to a third of the largest value at hard edges.
 //! Total variation keeps shares, and points as `R` has them; multipliers of shares that would grow without end are limited to what moves a mean
@@ -235,9 +235,10 @@ fn give_on(
     for round in 1..ROUNDS {
         let mut residual = difference(asked, &plan.model.reduce(plane));
         let near = peak * if round < FIRST { TOLERANCE } else { FAR };
-        let is_near = |value: &&mut f32| f64::from(value.abs()) <= near;
-        residual.pixels_mut().iter_mut().filter(is_near).for_each(|value| *value = 0.0);
-        if largest(&residual) == 0.0 {
+        // A share that begins at nothing: by a threshold alone rounding would decide.
+        let share = |value: f32| (f64::from(value.abs()) / near - 1.0).clamp(0.0, 1.0) as f32;
+        residual.pixels_mut().iter_mut().for_each(|value| *value *= share(*value));
+        if largest(&residual) <= TOLERANCE * peak {
             return (Stop::Converged, round - 1);
         }
         if let Some(stop) = run.interrupted() {
