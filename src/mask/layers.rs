@@ -70,10 +70,14 @@ fn add_part(part: &mut Part, name: &str, mut other: Part) -> Result<(), String> 
             "filled by {filter} already, so its pixels were not all measured: give the file before that"
         ));
     }
-    drop_mask(part, &mut other)?;
+    let complete = drop_mask(part, &mut other)?;
     restore_zeros(&mut other);
     let renamed = |own: &str| format!("{name}.{own}");
-    let dense: Vec<_> = channels::dense(&other).iter().map(|own| renamed(own)).collect();
+    let dense: Vec<_> = if complete {
+        other.channels.iter().map(|own| renamed(&own.display_name())).collect()
+    } else {
+        channels::dense(&other).iter().map(|own| renamed(own)).collect()
+    };
     for mut channel in std::mem::take(&mut other.channels) {
         channel.name = [name.as_bytes(), b".", &channel.name].concat();
         if part.channels.iter().any(|own| own.name == channel.name) {
@@ -102,21 +106,23 @@ fn add_part(part: &mut Part, name: &str, mut other: Part) -> Result<(), String> 
     Ok(())
 }
 
-/// Removes the mask of a layer's file where it says the same as that of the frame.
-fn drop_mask(part: &Part, other: &mut Part) -> Result<(), String> {
-    let (Some(own), Some(at)) = (own_mask(part), own_mask(other)) else { return Ok(()) };
+/// Removes the mask of a layer's file where it says the same as that of the frame, or that nothing is missing, which is returned.
+fn drop_mask(part: &Part, other: &mut Part) -> Result<bool, String> {
+    let (Some(own), Some(at)) = (own_mask(part), own_mask(other)) else { return Ok(false) };
     let flags = |channel: &Channel| -> Vec<bool> {
         channel.samples.as_f32().iter().map(|&value| at_least_half(value.into())).collect()
     };
     let channel = &other.channels[at];
-    if flags(channel) != flags(&part.channels[own]) {
+    let (asked, found) = (flags(&part.channels[own]), flags(channel));
+    let complete = found.iter().all(|flag| *flag);
+    if found != asked && !complete {
         return Err(format!(
             "its channel {} is not the mask of the frame: fill that file by itself, or rename the channel if it is a matte",
             channel.display_name()
         ));
     }
     other.channels.remove(at);
-    Ok(())
+    Ok(complete && found != asked)
 }
 
 /// The channel that says which pixels of a part were measured: the one that the attribute names, or `mask`.
