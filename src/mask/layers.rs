@@ -226,7 +226,7 @@ mod tests {
     fn what_was_filled_or_has_another_mask_is_refused() {
         let masked = |flags: &[f32]| row(vec![float("R", &[1.0, 0.0]), float("mask", flags)]);
         let mut whole = frame(vec![masked(&[1.0, 0.0])]);
-        let error = add(&mut whole, "Q", frame(vec![masked(&[1.0, 1.0])])).unwrap_err();
+        let error = add(&mut whole, "Q", frame(vec![masked(&[0.0, 1.0])])).unwrap_err();
         assert!(error.contains("layer Q") && error.contains("mask"), "{error}");
         let mut filled = masked(&[1.0, 0.0]);
         filled.attributes.set_text(FILTER, "auto");
@@ -234,6 +234,10 @@ mod tests {
         assert!(error.contains("filled by auto"), "{error}");
         add(&mut whole, "Q", frame(vec![masked(&[1.0, 0.0])])).unwrap();
         assert_eq!(names(&whole.parts[0]), "Q.R R mask");
+        // Nothing is missing in what a full mask is of.
+        add(&mut whole, "P", frame(vec![masked(&[1.0, 1.0])])).unwrap();
+        assert_eq!(names(&whole.parts[0]), "P.R Q.R R mask");
+        assert_eq!(channels::dense(&whole.parts[0]), ["P.R"]);
     }
 
     #[test]
