@@ -1,7 +1,7 @@
 //! Limiter: keeps missing pixels within reach of the measured ones around them.
 //!
 //! Splines overshoot beside a highlight, in a logarithmic domain too: by a factor then. This runs last, in the linear
-//! domain, on missing pixels only. [`local`] can be switched off; [`range`] states what always holds.
+//! domain, on missing pixels only. [`local`] can be switched off, and gives way to [`whole`] where guides gained; [`range`] states what always holds.
 //!
 //! [`local`]: with `[a, b]` the range of the measured pixels around a missing one, it is moved into `[lo, hi]` if it is
 //! outside:
@@ -85,6 +85,18 @@ pub fn local(mask: &Mask, samples: &Plane, out: &mut Plane) -> Result<Moved, Err
     Ok(counts.into_iter().sum())
 }
 
+/// The same by the range of all measured pixels: for what knows more of a pixel than the samples around it show.
+///
+/// # Errors
+/// [`Error::SizeMismatch`] and [`Error::EmptyMask`].
+pub fn whole(mask: &Mask, samples: &Plane, out: &mut Plane) -> Result<Moved, Error> {
+    let size = check(mask, samples, out)?;
+    let (lowest, highest) = extremes(mask.as_slice(), samples.pixels());
+    let (mut bottom, mut top) = (vec![lowest; size.width], vec![highest; size.width]);
+    Bounds::new((lowest, highest)).widen(&mut bottom, &mut top);
+    Ok(within(mask, (&bottom, &top), out))
+}
+
 /// Keeps what is true of all measured pixels true of the missing ones, as far as the bounds ask for it: light that is nowhere negative
 /// stays so, alpha stays within [0, 1]. Returns how many missing pixels were moved, and how far.
 ///
@@ -96,9 +108,14 @@ pub fn range(mask: &Mask, samples: &Plane, out: &mut Plane, bounds: crate::Bound
     if low == f32::NEG_INFINITY {
         return Ok(Moved::default());
     }
-    let (bottom, top) = (vec![low; size.width], vec![high.min(f32::MAX); size.width]);
-    let rows = out.pixels_mut().par_chunks_mut(size.width).zip(mask.as_slice().par_chunks(size.width));
-    Ok(rows.map(|(out, flags)| limit_row(flags, &bottom, &top, out)).into_iter().sum())
+    Ok(within(mask, (&vec![low; size.width], &vec![high.min(f32::MAX); size.width]), out))
+}
+
+/// Moves every missing pixel of `out` into these bounds, the same for each row.
+fn within(mask: &Mask, (bottom, top): (&[f32], &[f32]), out: &mut Plane) -> Moved {
+    let width = mask.size().width;
+    let rows = out.pixels_mut().par_chunks_mut(width).zip(mask.as_slice().par_chunks(width));
+    rows.map(|(out, flags)| limit_row(flags, bottom, top, out)).into_iter().sum()
 }
 
 /// Per pixel of a plane that is complete, the values that [`local`] would allow for the range of the 3 x 3 pixels around

@@ -23,7 +23,7 @@
 //! what few cells carry (as a bootstrap of cells would find it), of what errors larger than those seen would add if the largest follow a power law
 //! (B. M. Hill, 1975), of the variance of law and simulation, and of a rest. Where it passes 6 dB to a side, its upper end is all that is told
 //! ([`Verdict::AtMost`]). A frame whose error few cells carry, or whose interval goes beyond the range of its samples, gets
-//! [`Verdict::CannotTell`].
+//! [`Verdict::CannotTell`]. Where none of `n` held-out samples errs, three of as many might: the bound is the range times the root of `3 / n`.
 //!
 //! Held-out samples come from [`Evidence::of_folds`], for any method; of large frames that `auto` fills by one candidate, from tiles and the
 //! leave-one-out errors of splines (`auto/alone.rs`), the variance of whose ratio widens the interval. [`Folds`] are drawn by a seed; all that learns from a frame
@@ -37,7 +37,7 @@
 //! pixels that a sample is the nearest of (by the number itself those at the rim of a dense place count too little); elsewhere it is 1.
 //! Where errors are larger in dense places than in others, samples were put where errors are, in a second pass or in rounds: then each
 //! held-out sample speaks for the missing pixels that it is the nearest of, with `e^2 (v' / v)^(s p)`, `v'` the variance of such a pixel, and
-//! the interval is wider. The share `s` falls from 1 to that of the exponent the more unevenly samples lie: 0.25 for `p` up to 1.15, 1 for the largest.
+//! the interval is wider. The share `s` falls from 1 to that of the exponent the more unevenly samples lie: 0.25 for `p` up to 1.15, 0.8 for the largest.
 //! It was chosen on renders of four blobs, `head`, foot and chest (480 x 360 pixels, 5, 10 and 20 % in rounds), with one share of 0.45 before:
 //! smooth shading was then 2.6 dB too bad there (1.6 dB on seven other scenes), edges 0.5 to 0.7 dB too good (0.6 to 1.2 dB). How fast it
 //! falls was chosen on crops of five other renders, after a second pass; how much wider the interval is, and what unseen errors count for, on the

@@ -47,6 +47,8 @@ const SIDE: f64 = 1.645;
 const FEWEST: usize = 30;
 /// Cells that carry the error, fewer of which tell nothing.
 const CARRIERS: f64 = 4.0;
+/// Errors that may be expected where none was seen: `-ln 0.05`.
+const NONE_SEEN: f64 = 3.0;
 /// Half an interval, of the logarithm of the squared error, beyond which only its upper end is told: 6 dB.
 const WIDEST: f64 = 1.4;
 /// The rest, there.
@@ -216,6 +218,10 @@ impl Model {
         self.owned.is_some()
     }
 
+    pub(super) const fn range(&self) -> f64 {
+        self.range
+    }
+
     pub(super) const fn floor(&self) -> f32 {
         self.floor
     }
@@ -243,7 +249,14 @@ impl Model {
         let carriers = self.carriers(&parts);
         let (mean, carried) = self.carried(&parts);
         if mean <= 0.0 {
-            return Verdict::Estimate(Rmse { rmse: 0.0, low: 0.0, high: 0.0 });
+            // As many as were held out may err by nothing although `NONE_SEEN` of them may be expected to err, by the range at most.
+            let share = NONE_SEEN / self.held.len() as f64;
+            let bound = self.range * share.sqrt();
+            return if bound > 0.0 {
+                Verdict::AtMost(bound)
+            } else {
+                Verdict::Estimate(Rmse { rmse: 0.0, low: 0.0, high: 0.0 })
+            };
         }
         let by_chance = CHANCE * (1.0 + self.held.len() as f64 / self.all_missing as f64) / carriers;
         let rest = match (&self.owned, self.is_lattice) {

@@ -20,7 +20,7 @@
 use lacuna_core::parallel::prelude::*;
 
 use super::held_out::PixelError;
-use super::model::Model;
+use super::model::{Model, Verdict};
 use crate::kernel::blur::blur;
 use crate::{Plane, Size};
 
@@ -93,6 +93,7 @@ impl Model {
         if let Some(shape) = shape {
             shaped(&mut squared, shape);
         }
+        self.as_told(&mut squared, &missing);
         let most = f64::from(f32::MAX);
         let rounded = |squared: &f64| squared.sqrt().min(most) as f32;
         let error =
@@ -102,11 +103,35 @@ impl Model {
     }
 }
 
+impl Model {
+    /// Makes of squared errors what is told of all of them: none beyond the samples' range, their mean that of the estimate or of its bound.
+    fn as_told(&self, squared: &mut [f64], missing: &[f32]) {
+        let most = self.range().powi(2);
+        squared.iter_mut().for_each(|squared| *squared = squared.min(most));
+        let told = match self.verdict() {
+            Verdict::Estimate(told) => told.rmse,
+            Verdict::AtMost(bound) => bound,
+            Verdict::CannotTell(_) => return,
+        };
+        let count = missing.iter().filter(|variance| **variance > 0.0).count();
+        let wanted = told.powi(2);
+        let factor = wanted * count as f64 / sum(squared);
+        if factor.is_finite() {
+            squared.iter_mut().for_each(|squared| *squared *= factor);
+        } else {
+            // Nothing says where a bound is reached.
+            let known = squared.iter_mut().zip(missing).filter(|(_, variance)| **variance > 0.0);
+            known.for_each(|(squared, _)| *squared = wanted);
+        }
+    }
+}
+
+fn sum(squared: &[f64]) -> f64 {
+    squared.par_chunks(PIECE).map(|own| own.iter().sum::<f64>()).iter().sum()
+}
+
 /// Moves most of squared errors to where `shape` is large; their sum stays.
 fn shaped(squared: &mut [f64], shape: &(dyn Fn(usize) -> f32 + Sync)) {
-    let sum = |squared: &[f64]| -> f64 {
-        squared.par_chunks(PIECE).map(|own| own.iter().sum::<f64>()).iter().sum()
-    };
     let before = sum(squared);
     let both = |pixel: usize, squared: f64| (squared * f64::from(shape(pixel))).sqrt();
     let after: Vec<f64> =

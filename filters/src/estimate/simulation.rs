@@ -21,12 +21,13 @@ use std::sync::Arc;
 use super::held_out::{Folds, HeldOut, ReconstructPart, pick};
 use super::voronoi::Voronoi;
 use crate::excerpt::Excerpt;
+use crate::variational::guided;
 use crate::{Error, Mask, Planes, Size};
 
 /// Pixels of the frame, along each side, of which one is taken: so many at least.
 const LEAST_STEP: usize = 2;
-/// Fewer samples of the smaller image tell nothing.
-const FEWEST: usize = 200;
+/// Fewer samples of the smaller image tell nothing; guides count for none of its fills, or for all.
+const FEWEST: usize = guided::FEWEST;
 /// Held-out samples that are enough: chance among them is little beside what a smaller image may do otherwise.
 const ENOUGH: usize = 1500;
 /// Errors that grow by less than this where half of the samples are held out do not tell noise from detail.

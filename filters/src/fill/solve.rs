@@ -15,7 +15,7 @@ use crate::limiter::Moved;
 use crate::noise::{self, Known, Noise, Split};
 use crate::sampling::refine;
 use crate::temporal::Carried;
-use crate::variational::guided::Effect;
+use crate::variational::guided::{self, Effect};
 use crate::variational::ss;
 use crate::{Bounds, Error, Mask, Method, Outcome, Plane, Planes, Plans, Run, Size, limiter};
 
@@ -113,7 +113,8 @@ impl Case<'_> {
         let carried: Vec<Carried> =
             options.carried.iter().map(|carried| carried.select(places).mapped(map)).collect();
         let plan = plan.as_ref();
-        let guides = options.guides.filter(|_| method.descriptor().takes.guides && method.keeps_measured());
+        let takes = method.descriptor().takes.guides && method.keeps_measured();
+        let guides = options.guides.filter(|_| takes && mask.count() >= guided::FEWEST);
         let task = Task { method: &method, plan, mask, options, guides, carried: &carried, error: None, run };
         let values = (clean.as_ref().unwrap_or(samples), gradients.as_ref());
         let (outcome, mut decided) = task.reconstruct(values, map, out)?;
@@ -121,7 +122,7 @@ impl Case<'_> {
             None
         } else {
             let bounds = bounds(options, (mask, samples), places);
-            task.learn(values, out, (map, &bounds), decided.evidence.take())?
+            task.learn(values, out, (map, &bounds), &mut decided)?
         };
         Ok(Made { method, map, outcome, decided, learned, settled, smoothed: false })
     }
@@ -132,8 +133,9 @@ impl Case<'_> {
         let keeps = !made.smoothed && made.method.keeps_measured();
         let (mut mended, mut limited) = (0, Vec::with_capacity(places.len()));
         let Decided { guided, along, .. } = &made.decided;
-        // What other frames know may lie beyond what the samples around allow.
+        // What other frames know may lie beyond what the samples allow, what guides know beyond what those around do.
         let limit = options.limit && options.values != Values::Directions && along.is_none();
+        let limiter = if guided.gain.is_some() { limiter::whole } else { limiter::local };
         for ((samples, out), &place) in samples.as_slice().iter().zip(out.as_mut_slice()).zip(places) {
             mended += mend(samples, out, || plans.nearest(mask), |nearest| nearest.as_slice())?;
             let mut moved = Moved::default();
@@ -141,7 +143,7 @@ impl Case<'_> {
                 // What was smoothed counts as it is now.
                 let smooth = made.smoothed.then(|| out.clone());
                 let around = smooth.as_ref().unwrap_or(samples);
-                moved += limiter::local(mask, around, out)?;
+                moved += limiter(mask, around, out)?;
             }
             let bounds = options.bounds_of(place);
             if bounds != Bounds::Free {

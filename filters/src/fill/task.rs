@@ -31,20 +31,20 @@ pub struct Task<'a> {
 }
 
 impl Task<'_> {
-    /// How wrong the method is on this mask, from `evidence` where it says so itself, and else from fills without some of the samples;
+    /// How wrong the method is on this mask, from its own evidence where it says so itself, and else from fills without some of the samples;
     /// nothing where those would take too long, or the method smooths, so that its error at a sample is not that beside it.
     pub fn learn(
         &self,
         (samples, gradients): (&Planes, Option<&Slopes>),
         filled: &Planes,
         (map, bounds): (Map, &[(f32, f32)]),
-        evidence: Option<Evidence>,
+        decided: &mut Decided,
     ) -> Result<Option<Learned>, Error> {
         let folds = Folds::default();
         let Some(kind) = self.method.descriptor().held_out.filter(|_| self.method.keeps_measured()) else {
             return Ok(None);
         };
-        let mut evidence = if let Some(evidence) = evidence {
+        let mut evidence = if let Some(evidence) = decided.evidence.take() {
             evidence
         } else {
             let error = Some(held_out::exactness(self.mask));
@@ -65,6 +65,10 @@ impl Task<'_> {
         };
         if self.run.interrupted().is_some() {
             return Ok(None);
+        }
+        // What guides leave of a texture hardly goes by the pattern of the samples, although it grows without half of them; a simulation shows it.
+        if evidence.simulation.is_none() && evidence.repetition.is_none() {
+            evidence.own *= 1.0 - decided.guided.gain.unwrap_or(0.0);
         }
         // What is beyond them does not stay so.
         evidence.map(|channel, value| value.clamp(bounds[channel].0, bounds[channel].1));

@@ -2,6 +2,8 @@
 
 use super::*;
 use crate::baseline::testing::with_threads;
+use crate::estimate::Verdict;
+use crate::sampling;
 use crate::{METHODS, Size};
 
 fn size() -> Size {
@@ -25,7 +27,7 @@ fn bits(plane: &Plane) -> Vec<u32> {
     plane.pixels().iter().map(|value| value.to_bits()).collect()
 }
 
-/// What guides predict by a slope may lie far from all samples.
+/// What guides predict by a slope may lie beyond the samples around, and stays within reach of them all.
 #[test]
 fn the_limiter_holds_with_guides() {
     let size = Size::new(90, 110);
@@ -43,9 +45,45 @@ fn the_limiter_holds_with_guides() {
         assert!(filled.sets[0].gain.is_some());
         filled.planes.into_vec().remove(0)
     };
-    let moved = |mut plane: Plane| crate::limiter::local(&mask, &samples, &mut plane).unwrap().values;
+    let moved = |mut plane: Plane| crate::limiter::whole(&mask, &samples, &mut plane).unwrap().values;
     assert!(moved(filled(false)) > 0);
     assert_eq!(moved(filled(true)), 0);
+}
+
+/// Whether guides count is one question for a fill, for those that samples are held out of, and for those of its simulation.
+#[test]
+fn what_is_told_of_guided_fills_of_few_samples_holds() {
+    // The smaller image has 184 to 348 samples.
+    for side in [150, 158, 160, 164, 178, 200, 130] {
+        let size = Size::new(side, side);
+        let field = sampling::Field { x: 0, y: 0, size };
+        let mask = sampling::mask(sampling::Pattern::Shuffle, field, 0.1, 1, sampling::Temporal::Fixed, 0);
+        let mask = Arc::new(mask.unwrap());
+        let fine = |y: usize, x: usize| (lacuna_core::hash(x as u64, y as u64) % 1000) as f32 / 1000.0;
+        let truth =
+            Plane::from_fn(size, |y, x| fine(y, x) * (0.6 + 0.3 * (0.11 * x as f32 + 0.07 * y as f32).sin()));
+        let mut guides = Guides::new(size);
+        guides.add("albedo", vec![Plane::from_fn(size, |y, x| 0.1 + 0.5 * fine(y, x))]).unwrap();
+        let options = Options {
+            guides: Some(&guides),
+            domain: Domain::Linear,
+            estimate: Estimate::Figure,
+            ..Options::of(Method::named("ss", &[]).unwrap())
+        };
+        let filled = fill(&Planes::from(truth.clone()), Arc::clone(&mask), &options).unwrap();
+        let set = &filled.sets[0];
+        assert!(set.gain.is_some());
+        let pairs = truth.pixels().iter().zip(filled.planes.as_slice()[0].pixels());
+        let sum: f64 = pairs.map(|(a, b)| f64::from(a - b).powi(2)).sum();
+        let right = (sum / (size.pixels() - mask.count()) as f64).sqrt();
+        match set.estimate.unwrap() {
+            Verdict::Estimate(told) => {
+                assert!(told.low <= right && right <= told.high, "{side}: {right} in {told:?}")
+            }
+            Verdict::AtMost(bound) => assert!(right <= bound, "{side}: {right}, at most {bound}"),
+            Verdict::CannotTell(why) => panic!("{side}: {why}"),
+        }
+    }
 }
 
 #[test]

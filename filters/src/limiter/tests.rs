@@ -32,6 +32,32 @@ fn slow(mask: &Mask, samples: &Plane) -> Vec<Option<(f64, f64)>> {
     pixels.map(|(y, x)| (!mask.is_measured(y, x)).then(|| bounds(y, x))).collect()
 }
 
+/// Around all of the plane, the disc decides nothing.
+#[test]
+fn the_whole_plane_allows_what_its_range_does() {
+    let size = Size::new(30, 40);
+    let mask = Mask::from_fn(size, |y, x| (3 * y + x) % 5 == 0);
+    for (offset, low, high) in [(0.25, 0.125, 1.5), (-0.25, -0.25 - 0.28125, 0.25 + 0.28125)] {
+        let samples = Plane::from_fn(size, |y, _| offset + if y == 12 { 0.5 } else { 0.0 });
+        let free = |y: usize, x: usize| [-3.0, low, 0.2, high, 7.0, f32::NAN][(y + x) % 6];
+        let mut out =
+            Plane::from_fn(size, |y, x| if mask.is_measured(y, x) { samples.at(y, x) } else { free(y, x) });
+        let moved = whole(&mask, &samples, &mut out).unwrap();
+        let mut expected = 0;
+        for (y, x) in (0..30).flat_map(|y| (0..40).map(move |x| (y, x))) {
+            let free = free(y, x);
+            let right = match free {
+                _ if mask.is_measured(y, x) => samples.at(y, x),
+                free if free.is_nan() => low,
+                free => free.clamp(low, high),
+            };
+            assert_eq!(out.at(y, x), right, "{offset} {y} {x}");
+            expected += usize::from(!mask.is_measured(y, x) && !(free >= low && free <= high));
+        }
+        assert_eq!(moved.values, expected);
+    }
+}
+
 /// Samples, and a reconstruction that leaves their range in places.
 fn frames(mask: &Mask, seed: u32, offset: f32) -> (Plane, Plane) {
     let noise = |y: usize, x: usize, k: u32| {

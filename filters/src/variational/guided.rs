@@ -77,8 +77,10 @@ const TRIAL: f64 = 1e-2;
 const FINAL: f64 = 1e-3;
 /// Pixels that one task of a loop over planes takes.
 const PART: usize = 1 << 16;
-/// Fewer measured pixels say nothing about guides.
-const FEWEST: usize = 256;
+/// Fewer measured pixels of a frame say nothing about guides.
+pub(crate) const FEWEST: usize = 256;
+/// And of half of a frame's, which are held out to learn how wrong a guided fill is: what guides the fill guides these fills, too.
+const FEWEST_OF_HALF: usize = FEWEST / 2;
 
 /// What guides did.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -104,7 +106,8 @@ pub fn steer(
     if guides.size() != mask.size() {
         return Err(Error::size(mask.size(), "guides", guides.size()));
     }
-    let pointless = guides.is_empty() || mask.is_full() || mask.count() < FEWEST || samples.is_empty();
+    let pointless =
+        guides.is_empty() || mask.is_full() || mask.count() < FEWEST_OF_HALF || samples.is_empty();
     if pointless || run.interrupted().is_some() {
         return Ok((Outcome::direct(), Effect::default()));
     }
