@@ -107,7 +107,9 @@ impl Model {
     /// Makes of squared errors what is told of all of them: none beyond the samples' range, their mean that of the estimate or of its bound.
     fn as_told(&self, squared: &mut [f64], missing: &[f32]) {
         let most = self.range().powi(2);
-        squared.iter_mut().for_each(|squared| *squared = squared.min(most));
+        for squared in squared.iter_mut() {
+            *squared = squared.min(most);
+        }
         let told = match self.verdict() {
             Verdict::Estimate(told) => told.rmse,
             Verdict::AtMost(bound) => bound,
@@ -117,7 +119,9 @@ impl Model {
         let wanted = told.powi(2);
         let factor = wanted * count as f64 / sum(squared);
         if factor.is_finite() {
-            squared.iter_mut().for_each(|squared| *squared *= factor);
+            for squared in squared.iter_mut() {
+                *squared *= factor;
+            }
         } else {
             // Nothing says where a bound is reached.
             let known = squared.iter_mut().zip(missing).filter(|(_, variance)| **variance > 0.0);

@@ -78,7 +78,7 @@ fn what_is_told_of_guided_fills_of_few_samples_holds() {
         let right = (sum / (size.pixels() - mask.count()) as f64).sqrt();
         match set.estimate.unwrap() {
             Verdict::Estimate(told) => {
-                assert!(told.low <= right && right <= told.high, "{side}: {right} in {told:?}")
+                assert!(told.low <= right && right <= told.high, "{side}: {right} in {told:?}");
             }
             Verdict::AtMost(bound) => assert!(right <= bound, "{side}: {right}, at most {bound}"),
             Verdict::CannotTell(why) => panic!("{side}: {why}"),

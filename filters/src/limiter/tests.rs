@@ -52,7 +52,7 @@ fn the_whole_plane_allows_what_its_range_does() {
                 free => free.clamp(low, high),
             };
             assert_eq!(out.at(y, x), right, "{offset} {y} {x}");
-            expected += usize::from(!mask.is_measured(y, x) && !(free >= low && free <= high));
+            expected += usize::from(!mask.is_measured(y, x) && !(low..=high).contains(&free));
         }
         assert_eq!(moved.values, expected);
     }
