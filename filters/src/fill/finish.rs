@@ -3,7 +3,8 @@
 use lacuna_core::parallel::prelude::*;
 
 use super::PIECE;
-use crate::limiter::Moved;
+use crate::limiter::{self, Moved};
+use crate::variational::guided::Guides;
 use crate::{Bounds, Error, Mask, Plane};
 
 /// A method that smooths may take measured pixels out of the bounds as well; returns how many were moved back, and how far.
@@ -17,6 +18,22 @@ pub fn bound_measured(bounds: Bounds, mask: &Mask, samples: &Plane, out: &mut Pl
         moved += Moved::between(free, *value);
     }
     moved
+}
+
+/// Holds what guides improved within reach of all measured pixels, and what they do not know within that of those around.
+pub fn limit_guided(guides: &Guides, mask: &Mask, samples: &Plane, out: &mut Plane) -> Result<Moved, Error> {
+    let mut moved = Moved::default();
+    if guides.unknown() > 0 {
+        let mut near = out.clone();
+        limiter::local(mask, samples, &mut near)?;
+        for pixel in guides.unknown_pixels().filter(|pixel| !mask.as_slice()[*pixel]) {
+            let (free, held) = (&mut out.pixels_mut()[pixel], near.pixels()[pixel]);
+            moved += Moved::between(*free, held);
+            *free = held;
+        }
+    }
+    moved += limiter::whole(mask, samples, out)?;
+    Ok(moved)
 }
 
 /// Values near the end of a float's range can overflow inside a method; such pixels take the nearest one of `samples`, whose

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use lacuna_core::parallel::prelude::*;
 
-use super::finish::{bound_measured, mend};
+use super::finish::{bound_measured, limit_guided, mend};
 use super::task::{Learned, Slopes, Task, shown};
 use super::{Estimate, Options, PIECE, Set, Values};
 use crate::choose::{Chosen, Given};
@@ -135,7 +135,7 @@ impl Case<'_> {
         let Decided { guided, along, .. } = &made.decided;
         // What other frames know may lie beyond what the samples allow, what guides know beyond what those around do.
         let limit = options.limit && options.values != Values::Directions && along.is_none();
-        let limiter = if guided.gain.is_some() { limiter::whole } else { limiter::local };
+        let guides = options.guides.filter(|_| guided.gain.is_some());
         for ((samples, out), &place) in samples.as_slice().iter().zip(out.as_mut_slice()).zip(places) {
             mended += mend(samples, out, || plans.nearest(mask), |nearest| nearest.as_slice())?;
             let mut moved = Moved::default();
@@ -143,7 +143,10 @@ impl Case<'_> {
                 // What was smoothed counts as it is now.
                 let smooth = made.smoothed.then(|| out.clone());
                 let around = smooth.as_ref().unwrap_or(samples);
-                moved += limiter(mask, around, out)?;
+                moved += match guides {
+                    Some(guides) => limit_guided(guides, mask, around, out)?,
+                    None => limiter::local(mask, around, out)?,
+                };
             }
             let bounds = options.bounds_of(place);
             if bounds != Bounds::Free {

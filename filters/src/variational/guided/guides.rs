@@ -193,6 +193,12 @@ impl Guides {
         unknown.for_each(|(share, _)| *share = 0.0);
     }
 
+    /// The pixels of whose guides one is not a number.
+    pub(crate) fn unknown_pixels(&self) -> impl Iterator<Item = usize> {
+        let labels = self.labels.iter().flatten().enumerate();
+        labels.filter(|(_, label)| **label == UNKNOWN).map(|(pixel, _)| pixel)
+    }
+
     /// The same guides of smaller pixels, by the map that makes a plane of them. Labels are left out: a mean has none.
     pub(crate) fn reduced(&self, size: Size, map: impl Fn(&Plane) -> Plane) -> Self {
         Self {
