@@ -73,6 +73,7 @@ def test_outputs_that_cannot_be_are_refused_before_rendering(name, cfg, tmp_path
         (tmp_path / "link.exr", 1, "no regular file"),
         ("", 2, "names no file"),
         ("/proc/nowhere/y.exr", 1, "/proc/nowhere/y.exr"),
+        ("/proc/x.exr", 1, "-o /proc/x.exr: /proc cannot be written to"),
         (tmp_path / ("n" * 300), 1, "File name too long"),
         (tmp_path / "x.%4d.exr", 2, "write %04d"),
         (tmp_path / "x.%14d.exr", 2, "write %014d"),
@@ -81,6 +82,48 @@ def test_outputs_that_cannot_be_are_refused_before_rendering(name, cfg, tmp_path
         result = bridge(name, *scene(name, cfg), "-o", output, "--density", "0.5")
         assert result.status == status and words in result.stderr and len(result.lines()) == 1, result
     assert here(tmp_path) == before and stat.S_ISFIFO((tmp_path / "fifo").stat().st_mode)
+
+
+@BOTH
+def test_nothing_that_is_read_is_overwritten(name, cfg, tmp_path):
+    for frame in (1, 2):
+        lacuna("mask", "-q", "-o", tmp_path / f"m.{frame:04}.exr", "--size", "32x24", "--density", "0.5")
+    (tmp_path / "link.exr").symlink_to("m.0001.exr")
+    words = scene(name, cfg)
+    shot = tmp_path / "shot.exr"
+    shot.write_bytes(pathlib.Path(words[0]).read_bytes())
+    one, several = tmp_path / "m.0001.exr", tmp_path / "m.####.exr"
+    before = {path: (tmp_path / path).read_bytes() for path in here(tmp_path) if (tmp_path / path).is_file()}
+    for output, more, what in [
+        (one, ["--mask", one], "the mask"),
+        (tmp_path / "link.exr", ["--mask", one], "the mask"),
+        (one, ["--mask", tmp_path / "link.exr"], "the mask"),
+        (several, ["--mask", several, "--frames", "1-2"], "the mask"),
+        (several, ["--mask", tmp_path / "m.0002.exr", "--frames", "1-2"], "the mask"),
+        (tmp_path / "m.%d.exr", ["--mask", several, "--frames", "1-2"], ""),
+        (shot, ["--density", "0.5"], "the scene"),
+    ]:
+        if what:
+            told(bridge(name, *([shot] if output == shot else words), "-o", output, *more), 2, output.parent, f"same file as {what}", "in place")
+        else:
+            assert bridge(name, *words, "-o", output, *more).status == 0
+    assert all((tmp_path / path).read_bytes() == content for path, content in before.items())
+
+
+@BOTH
+def test_long_names_are_written(name, cfg, tmp_path):
+    out = tmp_path / "out" / ("ü" * 124 + ".exr")
+    for more in ([], ["--adaptive", "--rounds", "2"]):
+        result = bridge(name, *scene(name, cfg), "-o", out, "--density", "0.5", *more)
+        assert result.status == 0 and [path.name for path in out.parent.iterdir()] == [out.name], result
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="no /dev/full")
+def test_a_full_standard_output_is_to_blame(tmp_path):
+    command = 'exec "$@" > /dev/full'
+    words = [sys.executable, BRIDGES / MITSUBA, BALL, *SMALL, "-o", tmp_path / "x.exr", "--density", "0.5"]
+    result = run(["sh", "-c", command, "sh", *words], environment={"LACUNA": LACUNA})
+    assert result.status == 1 and result.stderr == f"{MITSUBA}: error: standard output: No space left on device\n", result
 
 
 @BOTH
@@ -140,6 +183,7 @@ def test_usage_is_one_line(name, cfg, tmp_path):
         (["--aovs", "depth,depth"], "depth is given twice"),
         (["--aovs", "nothing"], "nothing is none of"),
         (["--seed", "-1"], "--seed -1"),
+        (["--seed", str(1 << 64)], f"at most {(1 << 64) - 1}"),
         (["--density", "2"], "--density 2"),
         (["--nonsense"], "--nonsense"),
         (["--frames", "1-2", "-o", tmp_path / "x.exr"], "would hold 2 frames"),
@@ -151,7 +195,8 @@ def test_usage_is_one_line(name, cfg, tmp_path):
 def test_usage_of_mitsuba_alone(tmp_path):
     out = [BALL, "-o", tmp_path / "x.exr", "--density", "0.5"]
     told(bridge(MITSUBA, *out, "-D", "width"), 2, "-D", "NAME=VALUE", "'width'")
-    told(bridge(MITSUBA, *out, "--aovs", "depth,depth:depth"), 2, "depth is given twice")
+    told(bridge(MITSUBA, *out, "--aovs", "depth,depth:depth"), 2, "--aovs: depth is given twice")
+    told(bridge(MITSUBA, *out, *SMALL, "-D", "width=16"), 2, "-D: width is given twice")
     for count in ("0", "-3"):
         told(bridge(MITSUBA, *out, "--aovs", "N", "--dense-aovs", "--dense-spp", count), 2, f"--dense-spp {count}")
     told(bridge(MITSUBA, *out, "-D", "nothing=1"), 1, "nothing")
@@ -416,6 +461,61 @@ def test_each_round_has_noise_of_its_own(tmp_path):
     channels = frames.read(tmp_path / "f.exr")[0]
     places = np.stack([channels[f"uv.{axis}"][channels["mask"] > 0] for axis in "UV"], 1) * 32 % 1
     assert len(np.unique(places.round(4), axis=0)) > 0.98 * len(places) > 190
+
+
+# The bridge to LuxCore, telling what seed each call of the renderer has.
+SEEDED = """
+import os, sys
+sys.path.insert(0, sys.argv.pop(1))
+import luxcore_sparse, bridge
+
+whole = luxcore_sparse.render_scene
+def render_scene(*words):
+    print("seed", words[-1], flush=True)
+    return whole(*words)
+luxcore_sparse.render_scene = render_scene
+bridge.run(luxcore_sparse.main, end=os._exit)
+"""
+
+
+def test_each_half_of_each_round_of_luxcore_has_a_seed_of_its_own(cfg, tmp_path):
+    (tmp_path / "script.py").write_text(SEEDED)
+    words = [cfg, "--spp", "2", "-o", tmp_path / "x.exr", "--density", "0.4", "--adaptive", "--rounds", "3", "--halves"]
+    result = run([sys.executable, tmp_path / "script.py", BRIDGES, *words], timeout=600, environment={"LACUNA": LACUNA})
+    seeds = re.findall(r"^seed (\d+)$", result.stdout, re.MULTILINE)
+    assert result.status == 0 and len(seeds) == len(set(seeds)) == 6 and all(0 < int(seed) < 1 << 31 for seed in seeds), result
+
+
+def test_only_the_word_frame_becomes_its_number(cfg, tmp_path):
+    cfg.write_text(cfg.read_text() + 'scene.note = "$frames $frame_rate $frame."\n')
+    (tmp_path / "script.py").write_text("import os, sys\nsys.path.insert(0, sys.argv[1])\nimport luxcore_sparse\n"
+                                        "print(luxcore_sparse.properties(sys.argv[2], 7).Get('scene.note').GetString(), flush=True)\nos._exit(0)")
+    result = run([sys.executable, tmp_path / "script.py", BRIDGES, cfg])
+    assert result.stdout == "$frames $frame_rate 7.\n", result
+
+
+def test_views_and_devices_that_blender_would_not_mask_are_refused(monkeypatch):
+    bpy = types.ModuleType("bpy")
+    monkeypatch.setitem(sys.modules, "bpy", bpy)
+    monkeypatch.syspath_prepend(BRIDGES)
+    monkeypatch.delitem(sys.modules, "blender_sparse", raising=False)
+    import blender_sparse
+
+    preferences = types.SimpleNamespace(compute_device_type="CUDA")
+    addons = {"cycles": types.SimpleNamespace(preferences=preferences)}
+    bpy.context = types.SimpleNamespace(preferences=types.SimpleNamespace(addons=addons))
+    scene = types.SimpleNamespace(render=types.SimpleNamespace(use_multiview=False), cycles=types.SimpleNamespace(device="CPU"))
+    blender_sparse.check(scene)
+    scene.cycles.device = "GPU"
+    for kind in ("CUDA", "HIP", "METAL", "ONEAPI"):
+        preferences.compute_device_type = kind
+        with pytest.raises(blender_sparse.Failure, match=f"{kind} .*OptiX"):
+            blender_sparse.check(scene)
+    preferences.compute_device_type = "OPTIX"
+    blender_sparse.check(scene)
+    scene.render.use_multiview = True
+    with pytest.raises(blender_sparse.Failure, match="Stereoscopy"):
+        blender_sparse.check(scene)
 
 
 def test_cameras_and_sizes_of_blender_are_followed_or_refused(monkeypatch):

@@ -60,6 +60,16 @@ shader masked(output point position = 0.0, output vector direction = 0.0, output
 """
 
 
+def check(scene):
+    """Refuses what would render all pixels, or other files."""
+    if scene.render.use_multiview:
+        raise Failure("the scene has several views (stereo), which are not followed: switch Stereoscopy off in its output")
+    cycles = bpy.context.preferences.addons.get("cycles")
+    kind = cycles.preferences.compute_device_type if cycles and scene.cycles.device == "GPU" else "NONE"
+    if kind not in ("NONE", "OPTIX"):
+        raise Failure(f"Cycles on {kind} knows no cameras in Open Shading Language: set the scene's device to CPU, or take OptiX")
+
+
 def set_up(scene, spp, seed):
     """What sparse rendering needs of a scene; its other settings stay."""
     scene.render.engine = "CYCLES"
@@ -67,7 +77,7 @@ def set_up(scene, spp, seed):
     scene.cycles.filter_width = 1.0
     scene.cycles.use_denoising = False
     scene.cycles.samples = spp or scene.cycles.samples
-    scene.cycles.seed += seed
+    scene.cycles.seed = (scene.cycles.seed + seed) % (1 << 31)
     scene.render.use_compositing = scene.render.use_sequencer = scene.render.use_border = False
     settings = scene.render.image_settings
     if hasattr(settings, "media_type"):
@@ -202,7 +212,8 @@ def main():
     arguments = parse()
     scene = bpy.context.scene
     arguments.frames = arguments.frames or [scene.frame_current]
-    frames = sparse.check(arguments)
+    frames = sparse.check(arguments, bpy.data.filepath)
+    check(scene)
     set_up(scene, arguments.spp, arguments.seed)
     shifts = {}
     with tempfile.TemporaryDirectory() as folder:

@@ -18,8 +18,10 @@ import argparse
 import contextlib
 import functools
 import io
+import itertools
 import os
 import pathlib
+import re
 import time
 
 import bridge
@@ -63,7 +65,7 @@ def properties(path, frame):
     """A file of LuxCore's, with the frame's number put in."""
     found = pyluxcore.Properties()
     try:
-        found.SetFromString(pathlib.Path(path).read_text("utf-8").replace("$frame", str(frame)))
+        found.SetFromString(re.sub(r"\$frame\b", str(frame), pathlib.Path(path).read_text("utf-8")))
     except OSError as error:
         raise Failure(f"{path}: {error.strerror}") from None
     except UnicodeDecodeError:
@@ -159,7 +161,7 @@ def render(arguments, frame):
     width, height = size_of(config, path)
     spp = arguments.spp or whole(config, path, "batch.haltspp", 64)
     outputs = list(ALWAYS.values()) + [AOVS[name] for name in arguments.aovs]
-    seed = sparse.seed_of(arguments, frame) % SEEDS + 1
+    seed, streams = sparse.seed_of(arguments, frame) % SEEDS, itertools.count()
     scene = pyluxcore.Scene()
     with contextlib.chdir(path.parent):  # what the scene names is relative to it
         scene.Parse(scene_file)
@@ -171,9 +173,9 @@ def render(arguments, frame):
         clock = sparse.Clock()
         counts = []
 
-        def trace_once(spp, turn):
+        def trace_once(spp, _):
             with contextlib.chdir(path.parent):
-                planes = render_scene(config, scene, asked, outputs, spp, seed + turn * SEEDS)
+                planes = render_scene(config, scene, asked, outputs, spp, stream_of(seed, next(streams)))
             counts.append(planes.pop("SAMPLECOUNT"))
             return planes
 
@@ -185,7 +187,7 @@ def render(arguments, frame):
         planes["SAMPLECOUNT"] = count
         sparse.write(output, planes, measured, attributes=note(count, asked), whole=["SAMPLECOUNT"])
         if measured.sum() < asked.sum():
-            print(f"{output}: {int(asked.sum() - measured.sum())} pixels of the mask got too few samples and are missing", flush=True)
+            sparse.tell(f"{output}: {int(asked.sum() - measured.sum())} pixels of the mask got too few samples and are missing")
         return measured, clock
 
     def finish(output, mask):
@@ -198,6 +200,11 @@ def render(arguments, frame):
         return note(count, mask)
 
     sparse.frame(arguments, frame, (width, height), draw, finish=finish)
+
+
+def stream_of(seed, number):
+    """The seed of LuxCore for each half of each round: 31 bits, not 0."""
+    return (seed + number * SEEDS) % ((1 << 31) - 1) + 1
 
 
 def note(count, mask):
@@ -224,7 +231,7 @@ def aov_list(text):
     unknown = [name for name in names if name not in AOVS]
     if unknown:
         raise argparse.ArgumentTypeError(f"{unknown[0]} is none of {', '.join(AOVS)}")
-    sparse.once(names)
+    sparse.once("--aovs", names)
     return names
 
 
@@ -239,7 +246,7 @@ def parse():
 
 def main():
     arguments = parse()
-    frames = sparse.check(arguments)
+    frames = sparse.check(arguments, arguments.scene)
     pyluxcore.Init(lambda message: None)
     sparse.each(arguments.scene, frames, functools.partial(render, arguments))
 

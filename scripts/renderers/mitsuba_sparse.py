@@ -155,7 +155,7 @@ def aov_list(text):
         if ":" not in aov:
             raise argparse.ArgumentTypeError(f"{word} is none of {', '.join(AOVS)}, nor name:type in Mitsuba's words")
         aovs.append(aov)
-    sparse.once([aov.split(":")[0] for aov in aovs])
+    sparse.once("--aovs", [aov.split(":")[0] for aov in aovs])
     labels = [aov for aov in aovs if aov.split(":")[1] in LABELS]
     return [aov for aov in aovs if aov not in labels], labels
 
@@ -314,12 +314,12 @@ def motion_of(arguments, frame, scene, size):
     """Vectors to the next frame; in the last one of a sequence of files those to the frame before, turned around."""
     there = [step for step in (1, -1) if scene_path(arguments, frame + step).is_file()]
     if not there:
-        print(f"{scene_path(arguments, frame)}: no motion, as there is no scene of the frame after or before it", flush=True)
+        sparse.tell(f"{scene_path(arguments, frame)}: no motion, as there is no scene of the frame after or before it")
         return {}
     step = there[0]
     planes = mitsuba_motion.vectors(scene, load(arguments, frame + step), size)
     if step == -1:
-        print(f"{scene_path(arguments, frame)}: motion as from the frame before, as there is no scene of the next one", flush=True)
+        sparse.tell(f"{scene_path(arguments, frame)}: motion as from the frame before, as there is no scene of the next one")
     return {name: step * plane for name, plane in planes.items()}
 
 
@@ -372,7 +372,8 @@ def parse():
 
 def main():
     arguments = parse()
-    frames = sparse.check(arguments)
+    frames = sparse.check(arguments, arguments.scene)
+    sparse.once("-D", [name for name, _ in arguments.define])
     if arguments.dense_aovs and not any(arguments.aovs):
         raise Misuse("--dense-aovs needs --aovs: which ones?")
     if arguments.dense_spp < 1:

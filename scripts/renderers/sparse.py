@@ -6,6 +6,7 @@ LACUNA, the PATH, or target/release of the checkout that this file lies in.
 
 import argparse
 import contextlib
+import functools
 import io
 import os
 import pathlib
@@ -31,6 +32,8 @@ except ImportError:  # Blender has OpenImageIO instead
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 # Rounds in which pixels are chosen, and what the first has of them: fewer and more than in `lacuna render --adaptive`, as each is a call of the renderer.
 ROUNDS, FIRST = 5, 0.3
+# Of `lacuna mask`.
+MOST_SEED = (1 << 64) - 1
 
 
 def add_arguments(parser):
@@ -69,20 +72,25 @@ def in_halves(draw, spp):
     return planes
 
 
-def check(arguments):
-    """Frames to do; refuses arguments that do not fit together."""
+def check(arguments, scene=None):
+    """Frames to do; refuses arguments that do not fit together. `scene` is the file, or the pattern, that is read."""
     if arguments.density is not None and not 0 < arguments.density <= 1:
         raise Misuse(f"--density {arguments.density} is not above 0 and at most 1")
     if arguments.spp is not None and arguments.spp < 1:
         raise Misuse(f"--spp {arguments.spp} is not 1 or more")
-    if arguments.seed < 0:
-        raise Misuse(f"--seed {arguments.seed} is not 0 or more")
+    if not 0 <= arguments.seed <= MOST_SEED:
+        raise Misuse(f"--seed {arguments.seed} is not 0 or more and at most {MOST_SEED}")
     check_rounds(arguments)
     frames = arguments.frames or [1]
     if len(frames) > 1 and not is_pattern(arguments.output):
         raise Misuse(f"{arguments.output} would hold {len(frames)} frames: write frame.####.exr")
-    for frame in frames:
-        place(frame_name(arguments.output, frame), arguments.force)
+    names = [frame_name(arguments.output, frame) for frame in frames]
+    written = {os.path.realpath(place(name, arguments.force)): name for name in names}
+    for what, pattern in (("the mask", arguments.mask), ("the scene", scene)):
+        for frame in frames if pattern else []:
+            output = written.get(os.path.realpath(source_name(pattern, frame)))
+            if output:
+                raise Misuse(f"-o {output}: the output is the same file as {what}; nothing is overwritten in place: name another file")
     return frames
 
 
@@ -122,13 +130,21 @@ def place(text, force=False):
         above = next(folder for folder in path.absolute().parents if folder.exists())
         if not above.is_dir():
             raise Failure(f"-o {text}: {above} is a file and no folder: name another path")
-        if not os.access(above, os.W_OK | os.X_OK):
-            raise Failure(f"-o {text}: {above} may not be written to: name another path")
+        check_folder(above)
     except OSError as error:
         raise Failure(f"-o {text}: {error.strerror}: name another path") from None
     if not text.lower().endswith(".exr"):
         raise Misuse(f"-o {text}: an output file ends in .exr")
     return path
+
+
+@functools.cache
+def check_folder(folder):
+    """Refuses one that takes no file, by trying: root may write to all, and still not to /proc."""
+    try:
+        tempfile.TemporaryFile(dir=folder).close()
+    except OSError as error:
+        raise OSError(error.errno, f"{folder} cannot be written to ({error.strerror})") from None
 
 
 def ready(text, force=False):
@@ -152,11 +168,11 @@ def each(what, frames, render, line=0):
             raise Failure(f"{what}, frame {frame}: {brief(error, line)}") from None
 
 
-def once(names):
+def once(flag, names):
     """Refuses names given twice."""
     for name in names:
         if names.count(name) > 1:
-            raise argparse.ArgumentTypeError(f"{name} is given twice")
+            raise Misuse(f"{flag}: {name} is given twice")
 
 
 def lacuna():
@@ -187,7 +203,7 @@ def frame(arguments, frame, size, draw, origin=(0, 0), finish=None):
     if arguments.rounds > max(most, ROUNDS):
         raise Misuse(f"--rounds {arguments.rounds} is more than the {most} pixels that are measured")
     # Beside the target, so that the last step is a rename.
-    with tempfile.TemporaryDirectory(dir=path.parent, prefix=f".{path.name[:100]}.") as folder:
+    with tempfile.TemporaryDirectory(dir=path.parent, prefix=f".{beginning(path)}.") as folder:
         so_far, mask, clock = in_rounds(arguments, frame, size, origin, draw, pathlib.Path(folder), path, finish)
         complete(so_far, mask, finish)
         check_signal()
@@ -411,10 +427,15 @@ def headers(file, several):
             return
 
 
+def beginning(path):
+    """So much of a name, in bytes, that more may be put to it."""
+    return os.fsencode(path.name)[:200].decode(errors="ignore")
+
+
 @contextlib.contextmanager
 def temporary(path, ending):
     """A file beside `path` to write, which then becomes `path`; gone if anything stops that."""
-    part = path.with_name(f".{path.name[:200]}.{os.getpid()}{ending}")
+    part = path.with_name(f".{beginning(path)}.{os.getpid()}{ending}")
     try:
         yield part
         check_signal()
@@ -455,4 +476,12 @@ def seed_of(arguments, frame):
 
 def say(path, mask, clock):
     share = f"{int(mask.sum())} of {mask.size} pixels ({100 * mask.mean():.1f} %)"
-    print(f"{path}: {share} in {clock.wall:.2f} s, {clock.busy:.2f} s of processors", flush=True)
+    tell(f"{path}: {share} in {clock.wall:.2f} s, {clock.busy:.2f} s of processors")
+
+
+def tell(line):
+    """A line on standard output, which is to blame for what goes wrong with it."""
+    try:
+        print(line, flush=True)
+    except OSError as error:
+        raise Failure(f"standard output: {brief(error)}") from None
