@@ -308,6 +308,14 @@ def test_what_every_task_would_refuse_is_not_submitted(shot, words, reason):
     assert not shot[2].with_name("lacuna-logs").exists()
 
 
+@pytest.mark.parametrize("reference", ["full.exr", "full/"])
+def test_a_reference_that_compare_would_refuse_is_not_submitted(shot, reference):
+    command = ["--", "fill", "in/shot.####.exr", "-o", "out/", "--create-dir", "--frames", "1-4"]
+    refused = lacuna("submit", "slurm", "--reference", reference, *command, ok=False, folder=shot[2].parent)
+    assert refused.status == 2 and f"--reference {reference}: " in refused.stderr and len(refused.lines()) == 1, refused
+    assert not shot[2].with_name("lacuna-logs").exists()
+
+
 def test_a_scene_that_cannot_be_read_is_told_of_each_frame(tmp_path):
     words = ["render", "nope.toml", "-o", "r.####.exr", "--frames", "1-3", "--log", "l.jsonl", "--progress", "openjd"]
     failed = lacuna(*words, ok=False, folder=tmp_path)

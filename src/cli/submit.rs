@@ -1,17 +1,20 @@
 //! `lacuna submit`: flags and the command behind them to a checked job.
 
 use std::ffi::OsString;
-use std::path::PathBuf;
+use std::fmt::Display;
+use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand};
 
 use super::{Ending, Job, parse};
 use crate::commands::{FillJob, RenderJob};
+use crate::files::plan::pair;
+use crate::files::ranges::RangeError;
 use crate::files::{PlanError, Selection, frame_numbers};
 use crate::mask::Source;
 use crate::report::Bound;
 use crate::run::RunOptions;
-use crate::submit::{Grant, Reference, SubmitJob, Task};
+use crate::submit::{Grant, Reference, SubmitJob, Task, ranges};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -86,7 +89,7 @@ struct SlurmArgs {
     #[arg(long)]
     no_verify: bool,
 
-    /// Compare the frames with these when they are checked: a pattern or a folder, as compare's REFERENCE
+    /// Compare the frames with these when they are checked: a pattern or a glob, as compare's REFERENCE
     #[arg(long, value_name = "REFERENCE")]
     reference: Option<String>,
 
@@ -122,6 +125,9 @@ impl SubmitArgs {
 impl SlurmArgs {
     fn job(&self) -> Result<SubmitJob, Ending> {
         let (task, frames) = task(&self.command)?;
+        if let Some(reference) = &self.reference {
+            check_reference(reference, &task, &frames)?;
+        }
         let bounds = [("--fail-below", &self.fail_below), ("--fail-above", &self.fail_above)];
         let bounds = bounds.into_iter().filter(|(_, list)| !list.is_empty());
         let bounds: Vec<String> = bounds.map(|(flag, list)| format!("{flag}={}", list.join(","))).collect();
@@ -218,6 +224,14 @@ fn of_render(words: &[String], job: &RenderJob) -> Result<(Task, Vec<i64>), Endi
         output: text(&job.targets.output)?,
     };
     Ok((task, frames))
+}
+
+/// Whether there is a plan for the comparison, as its job will find.
+fn check_reference(reference: &str, task: &Task, frames: &[i64]) -> Result<(), Ending> {
+    let refused = |error: &dyn Display| usage(&format!("--reference {reference}: {error}"));
+    let frames = ranges::text(frames).parse().map_err(|error: RangeError| refused(&error))?;
+    let selection = Selection { inputs: vec![reference.into()], files_from: None, frames: Some(frames) };
+    pair(&selection, Path::new(&task.output), None).map(drop).map_err(|error| refused(&error))
 }
 
 fn some(frames: Vec<i64>) -> Result<Vec<i64>, Ending> {
@@ -340,7 +354,7 @@ mod tests {
     #[test]
     fn a_command_becomes_tasks() {
         let job = submit(
-            "submit slurm --chunk 4 --cpus 2 --mem 4G --reference full/ --fail-below psnr=40,ssim=0.9 --sbatch=--account=a \
+            "submit slurm --chunk 4 --cpus 2 --mem 4G --reference full.#.exr --fail-below psnr=40,ssim=0.9 --sbatch=--account=a \
              -- fill s.####.exr -o f.####.exr --frames 1-6",
         )
         .unwrap();
@@ -434,6 +448,8 @@ mod tests {
             "--time :",
             "--sbatch x",
             "--fail-below psnr=1",
+            "--reference full/",
+            "--reference full.exr",
             "--logs a\"",
             "--name a/b",
         ] {
