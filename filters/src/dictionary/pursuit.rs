@@ -12,8 +12,9 @@
 //!
 //! where `p_k` holds the products of all atoms with the k-th direction; at the end `R x = c`.
 //!
-//! Stops after `sparsity` atoms, at an error bound, where nothing is left (1e-6 of the block's length), or where the next atom
-//! depends on those taken (`R_kk^2` below 1e-5 of its squared length). Atoms with less than [`Selection::floor`] of their squared
+//! Stops after `sparsity` atoms, at an error bound, where no atom has more than 1e-6 of the block's length in common with what is left,
+//! or where the next atom depends on those taken (`R_kk^2` below 1e-5 of its squared length): in f32 `R_kk` is rounding there. So atoms
+//! that are nearly collinear, as blocks of little contrast on a bright level are, give a code of one atom. Atoms with less than [`Selection::floor`] of their squared
 //! length on measured values are not taken.
 //! Cost: `K (k + 1)` multiplications in step k; memory `K` numbers a step. Direct, deterministic, single-threaded per block.
 //!
@@ -101,9 +102,10 @@ impl Shared {
         scratch.products.clear();
         scratch.factor.clear();
         scratch.along.clear();
-        let mut code: Code = Vec::with_capacity(selection.sparsity);
+        let sparsity = selection.sparsity.min(count);
+        let mut code = Code::with_capacity(sparsity);
         let mut left = energy;
-        while code.len() < selection.sparsity.min(count) && left > selection.error {
+        while code.len() < sparsity && left > selection.error {
             let Some((atom, top)) = strongest(products, &self.weights) else { break };
             if f64::from(top).powi(2) <= NOTHING_LEFT * energy || !self.direction(atom, &code, scratch) {
                 break;

@@ -180,6 +180,7 @@ fn stops_at_the_error_bound_and_before_atoms_that_say_nothing_new() {
     let y = noise(3, 16);
     let full = by_gram(&dictionary, &y, &[true; 16], 32);
     assert!(full.len() <= 16, "{full:?}");
+    assert_eq!(by_gram(&dictionary, &y, &[true; 16], usize::MAX), full);
     let energy: f64 = y.iter().map(|y| f64::from(*y).powi(2)).sum();
     let shared = Shared::new(dictionary.atoms(), 0.0);
     let mut products: Vec<f32> = (0..32).map(|k| crate::kernel::dense::dot(dictionary.atom(k), &y)).collect();
