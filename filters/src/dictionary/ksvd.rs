@@ -11,15 +11,16 @@
 //! variant), or one step of them (the approximate variant). Between the two, atoms that no block uses, and the lesser used of two
 //! whose product exceeds 0.99, are replaced by the blocks that are represented worst (`replace`).
 //!
-//! The error never increases: a pursuit is greedy, so a block keeps its old code where the new one is worse; an atom's update
+//! The error never increases but for rounding: a pursuit is greedy, so a block keeps its old code where the new one is worse; an atom's update
 //! cannot increase it; and an atom is replaced only where the block that it becomes gains as much as its users lose.
 //!
-//! Blocks of zeros are left out. The first atoms are blocks that the seed picks. Threads change no bit: blocks are coded in parts
+//! Blocks of zeros are left out. The first atoms are blocks that the seed picks among those above 1e-9 of the mean squared length. Threads change no bit: blocks are coded in parts
 //! of a fixed size, sums run in the order of the blocks.
 //!
 //! Cost of an iteration: `N n K` multiplications as dense products, `N K L^2 / 2` for the codes, `30 N L n` for the exact update
 //! (3 `N L n` for the approximate). Memory: the blocks twice, and `K^2` numbers.
-//! Fails: it finds a local minimum, another one for another seed.
+//! Fails: it finds a local minimum, another one for another seed. Atoms keep the level of their blocks: where contrast is below about 1 %
+//! of it they are nearly collinear, the pursuit ends after one, and the texture is lost.
 //!
 //! Sources: M. Aharon, M. Elad, A. Bruckstein, "K-SVD: An Algorithm for Designing Overcomplete Dictionaries for Sparse
 //! Representation", IEEE Transactions on Signal Processing 2006; R. Rubinstein, M. Zibulevsky, M. Elad, "Efficient Implementation
@@ -181,8 +182,7 @@ fn first_atoms(blocks: &[f32], dimension: usize, settings: &Settings) -> Result<
     let mean = lengths.iter().sum::<f64>() / lengths.len().max(1) as f64;
     let usable: Vec<usize> = (0..lengths.len()).filter(|at| lengths[*at] > 1e-9 * mean).collect();
     if usable.len() < settings.atoms {
-        let range =
-            "at most the blocks that are not black: take more frames, a smaller stride, or fewer atoms";
+        let range = "at most the blocks that are not black or nearly so: take more frames, a smaller stride, or fewer atoms";
         let value = format!("{} of {} blocks", settings.atoms, usable.len());
         return Err(Error::setting("atoms", &value, range));
     }

@@ -1,5 +1,7 @@
 //! Atoms that are of no use give way to the blocks that are represented worst.
 
+use std::collections::VecDeque;
+
 use super::Work;
 use crate::dictionary::pursuit::Shared;
 use crate::kernel::dense::add_multiple;
@@ -14,7 +16,7 @@ impl Work<'_> {
         let errors = self.squared_errors();
         let mut worst: Vec<usize> = (0..errors.len()).filter(|at| errors[*at] > 0.0).collect();
         worst.sort_by(|a, b| errors[*b].total_cmp(&errors[*a]).then(a.cmp(b)));
-        let mut worst = worst.into_iter();
+        let mut worst = VecDeque::from(worst);
         let mut replaced = vec![false; users.len()];
         for atom in 0..users.len() {
             let twin = if users[atom].is_empty() { None } else { twin(atom, shared, &users, &replaced) };
@@ -23,14 +25,18 @@ impl Work<'_> {
             }
             // A block whose code changes below is not taken, so that its gain is what it seems.
             let busy = |block: &usize| users[atom].iter().any(|user| user.0 as usize == *block);
-            let Some(block) = worst.find(|block| !busy(block)) else { return };
+            let Some(place) = worst.iter().position(|block| !busy(block)) else { continue };
+            let block = worst[place];
             if let Some(twin) = twin {
-                if !self.hand_over(atom, twin, &users[atom], shared, errors[block]) {
+                // What was handed over before may have changed the block's error.
+                let gain = super::squared(&self.residuals[block * self.dimension..][..self.dimension]);
+                if !self.hand_over(atom, twin, &users[atom], shared, gain) {
                     continue;
                 }
                 let moved = std::mem::take(&mut users[atom]);
                 users[twin].extend(moved);
             }
+            worst.remove(place);
             self.become_block(atom, block);
             for users in &mut users {
                 users.retain(|user| user.0 as usize != block);

@@ -119,6 +119,27 @@ fn twins_are_told_apart() {
     never_increases(&state.errors[1..], 1.0);
 }
 
+/// A block that a refused twin does not become is left for the next atom.
+#[test]
+fn unused_atoms_become_blocks_that_twins_refuse() {
+    let settings = small(3, 1, 1);
+    let unit = |at: usize| Array2::from_shape_fn((1, 20), |(_, i)| f32::from(u8::from(i == at)));
+    let near = 0.995 * unit(0) + (1.0_f32 - 0.995 * 0.995).sqrt() * unit(1);
+    let atoms =
+        ndarray::concatenate(ndarray::Axis(0), &[unit(0).view(), near.view(), unit(5).view()]).unwrap();
+    let parts = [100.0 * unit(0), 100.0 * &near, 100.0 * &near, 3.0 * unit(7)];
+    let blocks: Vec<f32> = parts.iter().flatten().copied().collect();
+    let codes = vec![vec![(0, 100.0)], vec![(1, 100.0)], vec![(1, 100.0)], Code::new()];
+    let mut residuals = vec![0.0; 80];
+    residuals[67] = 3.0;
+    let mut work = Work { settings: &settings, blocks: &blocks, dimension: 20, atoms, codes, residuals };
+    let shared = Shared::new(&work.atoms, 0.0);
+    work.replace(&shared);
+    assert_eq!(work.atoms.row(0), unit(0).row(0), "handing over costs more than the block gains");
+    assert_eq!(work.codes[3], [(2, 3.0)]);
+    assert!(work.residuals.iter().all(|left| *left == 0.0));
+}
+
 #[test]
 fn threads_and_breaks_change_no_bit() {
     let blocks = planted(&random(2, 5, 60, 4), 700, 3, 20.0, 5);
