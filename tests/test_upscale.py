@@ -388,3 +388,26 @@ def test_quality_on_renders(tmp_path, name, lead):
     spline = ndimage.map_coordinates(full[::2, ::2], np.mgrid[0:600, 0:600] / 2, order=3, mode="mirror")
     margin = 0 if name == "aneurism-iso" else -0.1
     assert judge(floats(out), full) > judge(spline, full) + margin
+
+
+@pytest.mark.parametrize("sampling", ["box", "point"])
+def test_nothing_shines_where_alpha_is_0(tmp_path, sampling):
+    y, x = np.mgrid[0:128, 0:128]
+    matte = np.clip(9.0 * np.sin(x / 9.0 + np.sin(y / 7.0)), 0, 1)
+    light = matte * np.where((x // 6 + y // 6) % 2, 1.0, 0.05)
+    small = {"A": means(matte, 2), "R": means(light, 2), "glow.A": means(matte, 2), "glow.R": means(light + 0.01, 2)}
+    small = {name: plane.astype(np.float32) for name, plane in small.items()}
+    frames.write(tmp_path / "small.exr", small)
+    frames.write(tmp_path / "alone.exr", {"R": small["R"]})
+    for name in ["small", "alone"]:
+        large = tmp_path / f"{name}.large.exr"
+        done = upscale(tmp_path / f"{name}.exr", large, "--scale", "2", "--sampling", sampling)
+        assert done.status == 0, done
+    empty = floats(tmp_path / "small.large.exr", "A") == 0
+    light = floats(tmp_path / "small.large.exr")
+    assert empty.any() and (floats(tmp_path / "alone.large.exr")[empty] != 0).any()
+    assert (light[empty] == 0).all()
+    # A glow has light without alpha.
+    assert (floats(tmp_path / "small.large.exr", "glow.R")[empty] != 0).any()
+    if sampling == "box":
+        np.testing.assert_allclose(means(light, 2), small["R"], atol=1e-6)

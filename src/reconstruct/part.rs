@@ -16,6 +16,7 @@ use lacuna_filters::variational::guided::Guides;
 use lacuna_filters::{Mask, Plane, Run};
 
 pub use filter::{channel_names, overflow_note, values_options};
+pub use shape::{EMPTY, is_black_where_empty};
 
 use super::apply::{Change, apply};
 use super::groups::{Target, copyable, targets, usable};

@@ -8,10 +8,12 @@ use lacuna_filters::enlarge::{self, Options, Upscaled};
 use lacuna_filters::upscale::{Geometry, Method};
 use lacuna_filters::{Mask, Plane, Planes, Size};
 
-use crate::channels::{self, Choice, Rule, channel_label};
+use crate::channels::{self, Choice, Name, Rule, channel_label};
 use crate::reconstruct::groups::{Group, Target, groups};
 use crate::reconstruct::normals::Lengths;
-use crate::reconstruct::part::{Done, Work, channel_names, overflow_note, values_options};
+use crate::reconstruct::part::{
+    Done, EMPTY, Work, channel_names, is_black_where_empty, overflow_note, values_options,
+};
 use crate::reconstruct::values::to_halves;
 use crate::reconstruct::{Error, GroupReport, Kind, kind_for, normals};
 
@@ -37,6 +39,9 @@ pub fn enlarge(
     }
     let part = &mut frame.parts[work.index];
     unit_normals(part, work, geometry, &sources, &mut planes);
+    if !matches!(method, Method::Plain(_)) {
+        empty_stays_black(part, geometry, &taken, &mut planes);
+    }
     let sourced = planes.into_iter().zip(taken).collect::<Vec<_>>();
     let channels = part.channels.par_iter_mut().zip(sourced).zip(work.choices).zip(kinds);
     let clamped = channels.map(|(((channel, (plane, taken)), choice), kind)| match plane {
@@ -142,6 +147,59 @@ fn unit_normals(
         };
         let planes = [x.pixels_mut(), y.pixels_mut(), z.pixels_mut()];
         normals::scale(planes, samples, &high, sources, (lengths, allowed));
+    }
+}
+
+/// Makes light 0 where the alpha of its layer is, if the small pixels without alpha are black.
+fn empty_stays_black(
+    part: &Part,
+    geometry: Geometry,
+    taken: &[Option<Samples>],
+    planes: &mut [Option<Plane>],
+) {
+    let names: Vec<_> = part.channels.iter().map(Channel::display_name).collect();
+    let layer = |at: usize| Name::new(&names[at]).layer;
+    // One whose pixels are copied is no outline of the larger image.
+    let alpha = |at: usize| {
+        let large = match (&planes[at], &taken[at]) {
+            (Some(plane), _) => plane.pixels().to_vec(),
+            (None, samples) => samples.as_ref()?.to_floats()?,
+        };
+        Some((at, part.channels[at].samples.to_floats()?, large))
+    };
+    let alphas = (0..names.len()).filter(|&at| channels::is_alpha(&names[at])).filter_map(alpha);
+    let alphas: Vec<_> = alphas.collect();
+    for (at, plane) in planes.iter_mut().enumerate() {
+        let is_light = channels::is_light(&names[at]) && !channels::is_alpha(&names[at]);
+        let own = alphas.iter().find(|(other, ..)| is_light && layer(*other) == layer(at));
+        let (Some(plane), Some((_, small, large))) = (plane, own) else { continue };
+        let samples = part.channels[at].samples.to_floats().unwrap_or_default();
+        if is_black_where_empty(small.iter().zip(&samples), EMPTY) {
+            blacken(plane, large, geometry);
+        }
+    }
+}
+
+/// Takes the light where alpha is 0; of pixels that are means the others of the small pixel get it, in proportion to their alpha.
+fn blacken(plane: &mut Plane, alpha: &[f32], geometry: Geometry) {
+    let sources = geometry.sources();
+    // What each small pixel loses, and the alpha that it has.
+    let mut cells = vec![(0.0_f64, 0.0_f64); geometry.low().pixels()];
+    for ((value, &alpha), &source) in plane.pixels_mut().iter_mut().zip(alpha).zip(&sources) {
+        let (lost, sum) = &mut cells[source as usize];
+        *sum += f64::from(alpha);
+        if alpha == 0.0 {
+            *lost += f64::from(std::mem::take(value));
+        }
+    }
+    if geometry.sampling.is_pointwise() {
+        return;
+    }
+    for ((value, &alpha), &source) in plane.pixels_mut().iter_mut().zip(alpha).zip(&sources) {
+        let (lost, sum) = cells[source as usize];
+        if lost != 0.0 && sum > 0.0 && alpha != 0.0 {
+            *value = (f64::from(*value) + lost * f64::from(alpha) / sum) as f32;
+        }
     }
 }
 

@@ -79,7 +79,16 @@ struct Alpha {
 }
 
 /// Measured pixels without alpha, all black, that show that a layer has no light without alpha.
-const EMPTY: usize = 16;
+pub const EMPTY: usize = 16;
+
+/// Whether pixels without alpha, at least so many, are all black; each is given by its alpha and its light.
+pub fn is_black_where_empty<'a>(
+    pixels: impl Iterator<Item = (&'a f32, &'a f32)> + Clone,
+    least: usize,
+) -> bool {
+    let mut empty = pixels.filter(|(alpha, _)| **alpha == 0.0);
+    empty.clone().take(least).count() == least && empty.all(|(_, light)| *light == 0.0)
+}
 
 /// Makes light 0 where the alpha of its layer is, and all smoothed channels, as smoothing takes light over an edge that alpha, which is not smoothed,
 /// keeps. Not where a measured pixel has light without alpha.
@@ -96,10 +105,9 @@ pub fn empty_stays_black(frame: &Frame, work: &Work<'_>, filled: &mut [Filled]) 
         let tied = |alpha: &Alpha| channel.all || (alpha.known && channels::is_light(name));
         let layer = Name::new(name).layer;
         let Some(alpha) = alphas.iter().find(|alpha| alpha.layer == layer && tied(alpha)) else { continue };
-        let measured = channel.mask.as_slice().iter().zip(channel.samples.iter().zip(&alpha.values));
-        let mut empty = measured.filter(|(flag, (_, alpha))| **flag && **alpha == 0.0);
-        let few = !channel.all && empty.clone().take(EMPTY).count() < EMPTY;
-        if few || empty.any(|(_, (sample, _))| *sample != 0.0) {
+        let pixels = channel.mask.as_slice().iter().zip(alpha.values.iter().zip(&channel.samples));
+        let measured = pixels.filter(|(flag, _)| **flag).map(|(_, pixel)| pixel);
+        if !is_black_where_empty(measured, if channel.all { 0 } else { EMPTY }) {
             continue;
         }
         let empty = channel.values.iter_mut().zip(&alpha.values).filter(|(_, alpha)| **alpha == 0.0);
