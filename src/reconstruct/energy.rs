@@ -20,6 +20,8 @@ const BLOCK: usize = 32;
 const DEVIATIONS: f64 = 4.0;
 /// The mean square of what a block has too many samples, over that of random ones, from which they are not evenly spread.
 const UNEVEN: f64 = 2.0;
+/// So much more than chance explains is told: by less the line would seem to refute itself.
+const BEYOND: f64 = 1.25;
 /// What nobody sees, whether it is chance or not.
 const LEAST: f64 = 0.01;
 
@@ -61,7 +63,7 @@ pub fn compare(planes: &[(&[f32], &[f32])], mask: &Mask) -> Option<Energy> {
         return None;
     }
     let (ratio, chance) = (1.0 + excess / expected, DEVIATIONS * squares.sqrt() / expected);
-    ((ratio - 1.0).abs() > chance.max(LEAST)).then_some(Energy { ratio, chance })
+    ((ratio - 1.0).abs() > (BEYOND * chance).max(LEAST)).then_some(Energy { ratio, chance })
 }
 
 /// The light of a block's missing and measured pixels, of all channels together, and how many pixels these are.
@@ -137,6 +139,10 @@ mod tests {
         // Samples that follow the picture lead to expect nothing.
         let half = Mask::from_fn(SIZE, |y, x| (x * 31 + y * 17) % if x < 160 { 2 } else { 10 } == 0);
         assert_eq!(found_with(&half, smooth, 0.33), None);
+        // Chance is passed by far or not at all.
+        for Energy { ratio, chance } in (1..60).filter_map(|lost| found(lights, lost as f32 / 100.0)) {
+            assert!((ratio - 1.0).abs() > 1.25 * chance, "{ratio} {chance}");
+        }
         // One light that nothing else tells of is chance.
         assert_eq!(found(|x, y| if (x, y) == (100, 100) { 1e4 } else { 0.1 }, 0.0), None);
     }

@@ -314,7 +314,9 @@ pub fn add_channels(part: &mut Part, name: &str, errors: Vec<(String, Plane)>) -
 /// What a blend is made of: `R, G, B: edge 81 %, tv 19 %; ...`.
 pub fn chosen<'a>(groups: impl Iterator<Item = &'a GroupReport>) -> Option<String> {
     let one = |group: &GroupReport| {
-        let shares = group.chosen.iter().map(|(name, share)| format!("{name} {:.0} %", 100.0 * share));
+        let shares = group.chosen.iter().map(|(name, share)| (name, format!("{:.0}", 100.0 * share)));
+        let shares =
+            shares.filter(|(_, share)| share != "0").map(|(name, share)| format!("{name} {share} %"));
         format!("{}: {}", group.names(), shares.collect::<Vec<_>>().join(", "))
     };
     joined(groups.filter(|group| !group.chosen.is_empty()).map(one))
@@ -361,6 +363,8 @@ mod tests {
             "R, G: 60.0 dB (54.0 to 66.0), RMSE 1.00e-3; R, G: cannot be told: there are too few samples"
         );
         assert_eq!(chosen([&good].into_iter()).unwrap(), "R, G: edge 80 %, tv 20 %");
+        let most = GroupReport { chosen: vec![("edge".into(), 0.996), ("tv".into(), 0.004)], ..good.clone() };
+        assert_eq!(chosen([&most].into_iter()).unwrap(), "R, G: edge 100 %");
         assert_eq!(line([&exact].into_iter()).unwrap(), "R, G: no error at held-out samples");
         for told in [&good, &unknown, &bound, &exact, &copied] {
             assert_eq!(contradiction(&line([told].into_iter()).unwrap(), 1.0), None);

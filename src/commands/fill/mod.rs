@@ -349,7 +349,7 @@ pub fn tell(report: &Report, record: &mut Record) {
         tracing::info!("along with {neighbours}");
     }
     for (part, group) in groups(report).filter(|(_, group)| group.noiseless) {
-        let names = behind(part.as_deref(), &group.channels.join(", "));
+        let names = behind(part.as_deref(), &group.names());
         tracing::info!(
             "{names}: no noise that could be told from detail, and nothing is smoothed; where there is some, half buffers tell it, or --ss-lambda auto smooths all alike"
         );
