@@ -116,3 +116,12 @@ def test_maps_that_cannot_be_written_leave_the_measures(tmp_path):
     assert result.status == 1 and "1.maps.exr" in result.stderr
     assert frame["groups"][0]["regions"][0]["measures"]["mse"] == 1 / 16 and frame["error"] is None
     assert any("1.maps.exr" in note for note in frame["notes"])
+
+
+def test_alpha_has_a_table_where_it_tells_more_than_the_whole(tmp_path):
+    image, alpha = grey(), np.ones((40, 50), np.float32)
+    for holes in [0, 9]:
+        alpha[:holes] = 0
+        text, tables = page(tmp_path, layer("beauty", image) | {"A": alpha}, layer("beauty", image * np.float32(0.9)) | {"A": alpha})
+        assert ("### Where alpha is above 0" in tables) == (holes > 0), tables
+        assert '<th scope="row">where alpha is above 0</th>' in text

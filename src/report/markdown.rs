@@ -74,7 +74,11 @@ fn table(comparison: &Comparison, region: &str, text: &mut String) {
         .flat_map(|frame| frame.groups.iter().map(move |group| (frame, group)))
         .filter_map(|(frame, group)| Some((frame, group, &group.region(region)?.measures)))
         .collect();
-    if lines.is_empty() {
+    let whole = |(_, group, measures): &(_, &GroupReport, &Measures)| {
+        group.region("all").is_some_and(|all| all.measures == **measures)
+    };
+    // Alpha that is above 0 everywhere would repeat the first table.
+    if lines.is_empty() || (region == "alpha" && lines.iter().all(whole)) {
         return;
     }
     let title = match region {

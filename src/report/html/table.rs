@@ -170,7 +170,8 @@ fn measures(group: &GroupReport, page: &mut String) {
             .chain(region.channels.iter().map(|(name, measures)| (Some(name), measures)));
         for (channel, values) in rows {
             let name = channel.map_or_else(|| "together".into(), |name| escape(name));
-            let _ = write!(page, "<tr><th scope=\"row\">{}</th><td>{name}</td>", region.region);
+            let label = if region.region == "alpha" { "where alpha is above 0" } else { region.region };
+            let _ = write!(page, "<tr><th scope=\"row\">{label}</th><td>{name}</td>");
             for &measure in &all {
                 let _ = write!(page, "<td>{}</td>", cell(measure, values.get(measure)));
             }
