@@ -22,7 +22,7 @@
 use lacuna_core::parallel::prelude::*;
 use serde::Serialize;
 
-use crate::baseline::nearest::NearestMap;
+use crate::baseline::nearest::{Cells, NearestMap};
 use crate::{Mask, Plane};
 
 /// In which domain a group of channels is reconstructed.
@@ -40,9 +40,6 @@ pub enum Domain {
 
 /// The largest absolute value over the scale above which [`Domain::Auto`] takes the logarithm.
 const LONG_RANGE: f64 = 50.0;
-
-/// Standard deviation over the mean of how many pixels each sample is the nearest of, beyond which samples lie unevenly, as for estimated errors.
-const UNEVEN: f64 = 0.26;
 
 /// The least step of an 8-bit display from black, of white: the linear part of sRGB (IEC 61966-2-1).
 const BLACK: f64 = 1.0 / (255.0 * 12.92);
@@ -66,17 +63,13 @@ impl Domain {
 
 fn has_long_range(mask: &Mask, group: &[Plane]) -> bool {
     let (black, largest) = black(mask, group);
-    largest > LONG_RANGE * power_mean(mask, group, (black, cells(mask).as_deref()))
+    largest > LONG_RANGE * power_mean(mask, group, (black, cells(mask).as_ref()))
 }
 
 /// How many pixels each measured one is the nearest of, where samples lie unevenly.
-fn cells(mask: &Mask) -> Option<Vec<u32>> {
+fn cells(mask: &Mask) -> Option<Cells> {
     let map = (!mask.is_full()).then(|| NearestMap::new(mask).ok())??;
-    let mut cells = vec![0_u32; map.as_slice().len()];
-    map.as_slice().iter().for_each(|&source| cells[source as usize] += 1);
-    let squares: f64 = cells.iter().map(|&cell| f64::from(cell).powi(2)).sum();
-    let variance = squares / mask.count() as f64 * mask.density().powi(2) - 1.0;
-    (variance > UNEVEN * UNEVEN).then_some(cells)
+    Some(Cells::new(mask, Some(&map))).filter(Cells::is_uneven)
 }
 
 /// The power mean of the measured values that are not black, and the largest absolute one.
@@ -92,7 +85,7 @@ pub(crate) fn black(mask: &Mask, group: &[Plane]) -> (f64, f64) {
 }
 
 /// The power mean of the measured values that are larger than `black`, whatever their sign, each counted once or for its cell; 0 if there is none.
-fn power_mean(mask: &Mask, group: &[Plane], (black, cells): (f64, Option<&[u32]>)) -> f64 {
+fn power_mean(mask: &Mask, group: &[Plane], (black, cells): (f64, Option<&Cells>)) -> f64 {
     let (sum, count) = group.iter().fold((0.0, 0_u64), |all, plane| {
         let (sum, count) = roots(mask, plane, (black, cells));
         (all.0 + sum, all.1 + count)
@@ -122,11 +115,11 @@ fn largest(mask: &Mask, plane: &Plane) -> f64 {
 }
 
 /// Of the measured values above black: the sum of their fourth roots, and their number, each counted once or for its cell.
-fn roots(mask: &Mask, plane: &Plane, (black, cells): (f64, Option<&[u32]>)) -> (f64, u64) {
+fn roots(mask: &Mask, plane: &Plane, (black, cells): (f64, Option<&Cells>)) -> (f64, u64) {
     let rows = by_rows(mask, plane, |sizes| {
         sizes.filter(|(_, size)| *size > black).fold((0.0, 0), |(sum, count), (pixel, size)| {
-            let cell = cells.map_or(1, |cells| cells[pixel]);
-            (sum + f64::from(cell) * size.sqrt().sqrt(), count + u64::from(cell))
+            let cell = cells.map_or(1.0, |cells| cells.count(pixel));
+            (sum + f64::from(cell) * size.sqrt().sqrt(), count + cell as u64)
         })
     });
     // In the order of the rows, whatever the threads.

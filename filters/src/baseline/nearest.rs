@@ -14,6 +14,8 @@
 //! (section 2, the envelope); A. Meijster, J. Roerdink, W. Hesselink, "A General Algorithm for Computing Distance
 //! Transforms in Linear Time", Mathematical Morphology and its Applications, 2000 (integer separators).
 
+mod cells;
+
 use std::sync::Arc;
 
 use lacuna_core::parallel::prelude::*;
@@ -21,6 +23,8 @@ use lacuna_core::parallel::prelude::*;
 use crate::descriptor::Kind;
 use crate::descriptor::{Configured, Descriptor, Memory, Takes};
 use crate::{Error, Filter, Mask, Outcome, Plan, Planes, Problem, Run, Size, check};
+
+pub(crate) use cells::{Cells, UNEVEN};
 
 /// No settings.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
