@@ -155,13 +155,38 @@ def test_what_is_told_of_frames_along_is_true(tmp_path):
     assert abs(missed) < 1.5, missed
 
 
+def test_dense_aovs_of_the_same_rays_and_other_frames_help_each_other(tmp_path):
+    """Both are better than the better one, as the guides of other frames are known where these were measured; wrong ones cost nothing."""
+    render = ("render", "procedural:vessels:48", "--mode", "iso", "--frames", "1-5", "--size", "240x200", "--samples", "4", "--depth",
+              "--dense-aovs", "--set", "march.dense-samples=4", "--set", "camera.orbit=0.5", "--set", "camera.zoom=1.8", "-q")
+    lacuna(*render, "--density", "0.2", "-o", tmp_path / "shot.####.exr")
+    lacuna(*render, "-o", tmp_path / "full.####.exr")
+    truth = frames.colour(tmp_path / "full.0003.exr")
+    ways = {"guides": [], "time": ["--temporal", "2", "--guides", "none"], "both": ["--temporal", "2"]}
+    found = {}
+    for way, words in ways.items():
+        fill(tmp_path / "shot.####.exr", tmp_path / way, "--frames", "3", "--channels", "A=keep", *words)
+        found[way] = psnr(tmp_path / way, 3, truth)
+    assert found["both"] > max(found["guides"], found["time"]) + 0.5, found
+    # The other frames' guides are those of others still.
+    (tmp_path / "wrong").mkdir()
+    for frame in range(1, 6):
+        planes = frames.read(tmp_path / f"shot.{frame:04}.exr")[0]
+        header = OpenEXR.File(str(tmp_path / f"shot.{frame:04}.exr")).header()
+        if frame != 3:
+            planes |= {name: np.roll(plane, (23, 31), (0, 1)) for name, plane in planes.items() if name.startswith("dense.") and name != "dense.Z"}
+        frames.write(tmp_path / "wrong" / f"shot.{frame:04}.exr", planes, **{name: header[name] for name in ("lacuna/dense", "worldToCamera", "worldToNDC")})
+    fill(tmp_path / "wrong" / "shot.####.exr", tmp_path / "of-wrong", "--frames", "3", "--channels", "A=keep", "--temporal", "2")
+    assert psnr(tmp_path / "of-wrong", 3, truth) > max(found["guides"], found["time"]) - 0.1
+
+
 def test_vectors_of_a_turntable_lead_to_the_next_frame(tmp_path):
     """Against the distance and the matrices of both frames."""
     lacuna("render", SAMPLES / "scenes" / "vessels.toml", "-o", tmp_path / "shot.####.exr", "--frames", "1-3", "--size", "96x80", "--density", "0.3",
            "--dense-aovs", "--motion", "--set", "camera.orbit=1.5")
     first, second = (OpenEXR.File(str(tmp_path / f"shot.{frame:04}.exr"), separate_channels=True).parts[0] for frame in (1, 2))
     one, header, later = ({name: channel.pixels for name, channel in first.channels.items()}, first.header, second.header)
-    assert header["lacuna/dense"].startswith("motion.X,motion.Y,dense.A")
+    assert header["lacuna/dense"].startswith("motion.X,motion.Y,dense.albedo.R")
     rows, columns = np.indices((80, 96))
     ndc = np.stack([2 * (columns + 0.5) / 96 - 1, 1 - 2 * (rows + 0.5) / 80, np.zeros((80, 96)), np.ones((80, 96))], -1)
     matrix = lambda header, name: np.asarray(header[name], np.float64).reshape(4, 4)

@@ -18,7 +18,7 @@
 //! A candidate that takes less than `WORTH` of the squared error away stays out, and is not computed for all of the image. Where few samples are
 //! held out, weights may fit these alone: a blend that is worse than the best candidate, at samples that have not taught it, gives way to that one. Large images
 //! first try the candidates on tiles that are spread over them (`trial`). Guides that take half of the squared error of `ss` away, by their own
-//! left-out samples, leave `cnn` alone beside them, and in large images nothing.
+//! left-out samples, leave `cnn` alone beside them.
 //!
 //! Algorithm: samples are held out in folds ([`crate::estimate::Folds`]), which also say how wrong the result is, each part of them by weights
 //! that the others teach. `A` is summed in cells of half the Gaussian's width; in each the small quadratic problem is solved by active sets
@@ -40,6 +40,7 @@ mod alone;
 mod along;
 mod standing;
 mod trial;
+mod variates;
 mod ways;
 
 #[cfg(test)]
@@ -62,8 +63,8 @@ use crate::weights::{Truth, Weights};
 use crate::{Error, Filter, Mask, Outcome, Plan, Planes, Problem, Run, Stop};
 use trial::Stage;
 
-/// What guides must take away of the squared error of splines to have nothing but `cnn` beside them, and in large images, where that takes
-/// long, nothing: more than the other candidates take away anywhere.
+/// What guides must take away of the squared error of splines to have nothing but `cnn` beside them: more than the other candidates take away
+/// anywhere.
 const ENOUGH: f64 = 0.5;
 /// So many held-out samples show whether a candidate counts at all; where one fold has them, the others need not be computed.
 const DECIDE: usize = 1000;

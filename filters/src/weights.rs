@@ -8,6 +8,7 @@
 //! `s` its share: where few samples are around a pixel, or nothing differs, the image decides.
 
 mod simplex;
+mod slopes;
 mod surfaces;
 
 use lacuna_core::parallel::prelude::*;
@@ -17,6 +18,7 @@ use crate::estimate::{HeldOut, Voronoi};
 use crate::{Mask, Plane, Planes, Size};
 use lacuna_core::hash;
 use simplex::{best, best_of};
+pub use slopes::Slopes;
 pub use surfaces::{BySurface, Surfaces};
 
 /// What the weights of a pixel are learned from.

@@ -86,10 +86,10 @@ def sparse(folder, work, size, frames, *words, density=DENSITY, rounds=False):
     return kind
 
 
-def turntable(work, scene, size=SIZE, frames=FRAMES, dense=False):
-    """The folder of a turntable; nothing if its volume is not there."""
-    folder = work / f"{scene}-{size}{'-dense' if dense else ''}"
-    if not render(folder, scene, frames, size, "--set", "camera.orbit=0.5", *(["--dense-aovs"] if dense else [])):
+def turntable(work, scene, size=SIZE, frames=FRAMES, dense=0):
+    """The folder of a turntable, with dense AOVs of so many samples a pixel; nothing if its volume is not there."""
+    folder = work / f"{scene}-{size}{f'-dense-{dense}' if dense else ''}"
+    if not render(folder, scene, frames, size, "--set", "camera.orbit=0.5", *(["--dense-aovs", "--set", f"march.dense-samples={dense}"] if dense else [])):
         return None
     sparse(folder, work, size, frames, *(["--channels", "dense.*=keep"] if dense else []))
     return folder
@@ -165,14 +165,14 @@ def turntables(work, scenes=(*SCENES, *OTHERS)):
 
 
 def dense(work, scenes=SCENES):
-    """With dense AOVs: guides alone, time alone, both."""
+    """With dense AOVs of one sample a pixel and of the picture's: guides alone, time alone, both."""
     ways = {"guides alone": [], "time alone": ["--guides", "none", *ALONG], "both": ALONG}
-    table("turntable with dense AOVs", *ways)
-    for scene in scenes:
-        folder = turntable(work, scene, dense=True)
+    table("turntable with dense AOVs", "samples", *ways)
+    for scene, samples in itertools.product(scenes, (1, SAMPLES)):
+        folder = turntable(work, scene, dense=samples)
         if folder:
             found = [Measures(folder, fill(folder, way, words, INNER)[0], INNER) for way, words in ways.items()]
-            row(scene, *(f"{one.mean:.2f}" for one in found))
+            row(scene, f"{samples}", *(f"{one.mean:.2f}" for one in found))
 
 
 def rounds(work, scenes=("engine", "aneurism", "head", "tooth", "foot", "engine-soft")):

@@ -176,15 +176,15 @@ struct LayerArgs {
     #[arg(long)]
     gradients: bool,
 
-    /// Add dense.A, dense.N.X, dense.N.Y, dense.N.Z, dense.Z: alpha, normal and distance of every pixel, by a coarse march
-    /// (march.dense-step) without shading, listed in lacuna/dense
+    /// Add dense.albedo.R to .B, dense.A, dense.N.X to .Z, dense.Z: colour without light, alpha, normal and distance of
+    /// every pixel, by a coarse march (march.dense-step, march.dense-samples), listed in lacuna/dense
     ///
     /// Filling takes them for guides, with --fill auto here or with lacuna fill later.
     #[arg(long)]
     dense_aovs: bool,
 
     /// Add motion.X and motion.Y: how far what a pixel shows moves until the next frame, pixels to the right and down, by the
-    /// distance of dense.Z and both cameras
+    /// distance of dense.Z of its centre and both cameras
     ///
     /// Of every pixel, listed in lacuna/dense; 0 where nothing is seen, infinite behind the next camera.
     #[arg(long)]

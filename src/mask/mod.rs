@@ -135,6 +135,18 @@ impl Masks {
         seen.into_iter().map(|mask| &**mask).collect()
     }
 
+    /// The pixels of a part that were measured in any channel; nothing if it has no mask.
+    pub fn any(&self, part: usize) -> Option<Arc<Mask>> {
+        let mut all = self.channels.get(part).into_iter().flatten().flatten();
+        let first = all.next()?;
+        if all.all(|other| Arc::ptr_eq(first, other)) {
+            return Some(Arc::clone(first));
+        }
+        let masks = self.different(part);
+        let any = |row: usize, column: usize| masks.iter().any(|mask| mask.is_measured(row, column));
+        Some(Arc::new(Mask::from_fn(first.size(), any)))
+    }
+
     /// The different masks of each part.
     pub fn of_parts(&self) -> impl Iterator<Item = &Mask> {
         (0..self.channels.len()).flat_map(|part| self.different(part))

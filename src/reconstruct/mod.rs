@@ -125,8 +125,20 @@ pub fn fill_with(
         let label = part_label(&frame, index);
         let twins = guides::twins(&frame, index, choices, &found.parts[index], second);
         let twins = twins::known(&frame, (index, masks, choices), twins, second, job)?;
-        let (guides, twins) = (&[][..], twins.as_slice());
-        let work = part::Work { index, masks, choices, guides, twins, second, neighbours, job, plans, run };
+        let (guides, guide_channels, twins) = (&[][..], found.parts[index].as_slice(), twins.as_slice());
+        let work = part::Work {
+            index,
+            masks,
+            choices,
+            guides,
+            guide_channels,
+            twins,
+            second,
+            neighbours,
+            job,
+            plans,
+            run,
+        };
         let mut done = bands::fill(&mut frame, &work, &found.parts[index])?;
         let same = done.report.channels.iter().all(|channel| channel.filled == 0) && !done.converted;
         // A restoration fills nothing and changes all.

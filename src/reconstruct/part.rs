@@ -25,6 +25,7 @@ use super::{
     ChannelReport, Error, GroupReport, Job, NoiseSource, PIECE, PartReport, Plans, gradients, learned,
 };
 use crate::channels::{Choice, Rule, channel_label};
+use crate::guides::Guide;
 use crate::mask::Masks;
 use crate::temporal::Neighbours;
 
@@ -39,6 +40,8 @@ pub struct Work<'a> {
     pub choices: &'a [Choice],
     /// Complete planes that may steer the colour, for each of its views.
     pub guides: &'a [(Option<String>, Guides)],
+    /// The channels that these are.
+    pub guide_channels: &'a [Guide],
     /// Complete channels that hold the values of those to be filled.
     pub twins: &'a [Known],
     /// The frame that guides come from, if it is another one.
@@ -62,8 +65,8 @@ impl<'a> Work<'a> {
         plans: &'a Plans,
         run: &'a Run<'a>,
     ) -> Self {
-        let (twins, second, neighbours) = (&[], None, None);
-        Self { index, masks, choices, guides, twins, second, neighbours, job, plans, run }
+        let (guide_channels, twins, second, neighbours) = (&[][..], &[][..], None, None);
+        Self { index, masks, choices, guides, guide_channels, twins, second, neighbours, job, plans, run }
     }
 
     /// The guides of channels of a view, if there are any.

@@ -3,9 +3,10 @@
 use std::cell::LazyCell;
 use std::ops::Deref;
 
-use lacuna_exr::{Frame, Window};
+use lacuna_exr::{Frame, Part, Window};
 use lacuna_filters::temporal::{Carried, Judge, explained, flow};
-use lacuna_filters::{Mask, Planes, Size};
+use lacuna_filters::variational::guided::Guides;
+use lacuna_filters::{Mask, Plane, Planes, Size};
 
 use super::blind::Blind;
 use super::doubt::outdone;
@@ -15,6 +16,7 @@ use super::paths::Paths;
 use super::reference::{Reference, measured, placed};
 use super::{Motion, Neighbour, Neighbours, camera, reading, vectors};
 use crate::channels::part_label;
+use crate::guides::Guide;
 use crate::mask::Masks;
 
 /// The part of the variance of a neighbour's samples that the frame must explain where motion carries them. Beyond a cut it is about 0.
@@ -82,6 +84,35 @@ pub struct Carrier<'a> {
     pub how: String,
 }
 
+/// The guides of a part, and the channels that they are.
+pub struct Guided<'a> {
+    /// What they are in this frame.
+    pub guides: &'a Guides,
+    /// The channels, of one view or of all.
+    pub found: Vec<&'a Guide>,
+    /// The part that they guide.
+    pub part: &'a Part,
+}
+
+impl Guided<'_> {
+    /// What they are in another frame, at the pixels that were measured there; nothing if it does not have all of them.
+    fn of(&self, carrier: &Carrier<'_>) -> Option<Vec<Plane>> {
+        let Carrier { neighbour, part, .. } = *carrier;
+        let other = &neighbour.frame.parts[part];
+        let plane = |&at: &usize| {
+            let name = self.part.channels[at].display_name();
+            let at = other.channels.iter().position(|channel| channel.display_name() == name)?;
+            Plane::new(other.size(), neighbour.floats(part, at)?).ok()
+        };
+        self.guides.alike(|name| {
+            let guide = self.found.iter().find(|guide| guide.name == name)?;
+            // Of another file or part nothing is kept.
+            let is_own = !guide.second && guide.part == part;
+            guide.channels.iter().filter(|_| is_own).map(plane).collect::<Option<Vec<_>>>()
+        })
+    }
+}
+
 /// The places of all pixels of a neighbour.
 struct Found {
     places: Vec<[f32; 2]>,
@@ -102,8 +133,8 @@ impl Carrier<'_> {
         self.places.all()
     }
 
-    /// The samples of these channels; nothing if the neighbour has not all of them, with measured values.
-    pub fn carried(&self, names: &[String]) -> Option<Carried> {
+    /// The samples of these channels, with guides where the neighbour has them; nothing if it has not all of the channels, with measured values.
+    pub fn carried(&self, names: &[String], guides: Option<&Guided<'_>>) -> Option<Carried> {
         let (samples, mask) = measured(self.neighbour, self.part, names)?;
         let offset = self.neighbour.offset.clamp(i32::MIN.into(), i32::MAX.into()) as i32;
         let at = |places: &Places| {
@@ -112,10 +143,14 @@ impl Carrier<'_> {
             Some(carried.at_corner(self.corner))
         };
         let carried = at(&self.places)?;
-        Some(match &self.judged {
+        let carried = match &self.judged {
             Some(judged) => carried.judged_by(at(judged)?),
             None => carried,
-        })
+        };
+        match guides.and_then(|guides| guides.of(self)) {
+            Some(planes) => carried.guided(&planes).ok(),
+            None => Some(carried),
+        }
     }
 }
 

@@ -1,5 +1,7 @@
 //! What is kept of a frame beside one: of channels that are filled the measured samples, of complete ones those that tell where surfaces are and how
-//! they move. All else would only take memory, for every frame of the window.
+//! they move, and of guides what they are at measured pixels. All else would only take memory, for every frame of the window.
+
+use std::sync::Arc;
 
 use half::f16;
 use lacuna_exr::{Frame, Part, SampleType, Samples};
@@ -21,13 +23,16 @@ enum Kept {
     All(Samples),
     /// Of the pixels of its mask, in the order of rows.
     Measured(Samples),
+    /// Of the pixels of any mask of its part, in the order of rows.
+    Guide(Samples, Arc<Mask>),
 }
 
 impl KeptSamples {
-    /// Takes them out of a frame, whose channels keep none.
-    pub fn take_from(frame: &mut Frame, masks: &Masks) -> Self {
+    /// Takes them out of a frame, whose channels keep none; those of complete channels that may guide only if that is wanted.
+    pub fn take_from(frame: &mut Frame, masks: &Masks, guides: bool) -> Self {
         let one = |(index, part): (usize, &mut Part)| {
             let dense = channels::dense(part);
+            let any = guides.then(|| masks.any(index)).flatten();
             let kept = |at: usize| {
                 let channel = &part.channels[at];
                 let is_dense = dense.iter().any(|name| *name == channel.display_name());
@@ -35,7 +40,10 @@ impl KeptSamples {
                 match masks.get(index, at).filter(|_| is_read) {
                     Some(mask) if !is_dense => Kept::Measured(measured(&channel.samples, mask)),
                     _ if leads(part, at) => Kept::All(channel.samples.clone()),
-                    _ => Kept::None,
+                    _ => match any.as_ref().filter(|_| is_read && is_dense) {
+                        Some(any) => Kept::Guide(measured(&channel.samples, any), Arc::clone(any)),
+                        None => Kept::None,
+                    },
                 }
             };
             let all = (0..part.channels.len()).map(kept).collect();
@@ -50,15 +58,18 @@ impl KeptSamples {
         match self.kept.get(part)?.get(channel)? {
             Kept::None => None,
             Kept::All(samples) => samples.to_floats(),
-            Kept::Measured(samples) => {
-                let mask = mask?;
-                let mut values = vec![0.0; mask.size().pixels()];
-                let measured = values.iter_mut().zip(mask.as_slice()).filter(|(_, flag)| **flag);
-                measured.zip(samples.to_floats()?).for_each(|((value, _), sample)| *value = sample);
-                Some(values)
-            }
+            Kept::Measured(samples) => spread(samples, mask?),
+            Kept::Guide(samples, any) => spread(samples, any),
         }
     }
+}
+
+/// Samples of the pixels of a mask where they are, and 0 elsewhere.
+fn spread(samples: &Samples, mask: &Mask) -> Option<Vec<f32>> {
+    let mut values = vec![0.0; mask.size().pixels()];
+    let measured = values.iter_mut().zip(mask.as_slice()).filter(|(_, flag)| **flag);
+    measured.zip(samples.to_floats()?).for_each(|((value, _), sample)| *value = sample);
+    Some(values)
 }
 
 /// Whether a channel may say where surfaces are or how they move.
@@ -107,7 +118,10 @@ mod tests {
         own.parts[0].attributes.set_text(channels::DENSE, "Z, albedo.R");
         let masks = mask::find(&own, &Source::Auto, None).unwrap();
         let before = own.clone();
-        let few = KeptSamples::take_from(&mut own, &masks);
+        let kept = |guides: bool| KeptSamples::take_from(&mut before.clone(), &masks, guides);
+        assert_eq!(kept(true).floats(0, 2, None).unwrap(), [5.0, 0.0, 0.0, 5.0]);
+        assert_eq!(kept(true).floats(0, 3, None), None);
+        let few = KeptSamples::take_from(&mut own, &masks, false);
         let floats = |at: usize| few.floats(0, at, masks.get(0, at).map(|mask| &**mask));
         let found = floats(0).unwrap();
         assert_eq!([found[0], found[1], found[2]], [0.5, 0.0, 0.0]);

@@ -15,7 +15,7 @@ mod vectors;
 
 pub use between::between;
 pub use camera::SCENE;
-pub use carriers::{Carrier, carriers};
+pub use carriers::{Carrier, Guided, carriers};
 pub use fit::shapes;
 pub use neighbours::{
     Neighbour, NeighbourFiles, Neighbours, Reading, header, left_filled, left_unread, numbers,

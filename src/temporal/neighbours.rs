@@ -144,6 +144,8 @@ pub struct Reading<'a> {
     pub masks: &'a MaskFiles,
     /// Whether those that were filled before count by their measured pixels.
     pub again: bool,
+    /// Whether complete channels may guide.
+    pub guides: bool,
     /// How many are kept for the next frame.
     pub most: usize,
     /// What reading one may take.
@@ -282,7 +284,7 @@ fn read(file: &NeighbourFile, reading: Reading<'_>) -> Read {
     if !reading.again && mask::filled_before(&frame, &found).is_some() {
         return Err(Left::Filled);
     }
-    let samples = KeptSamples::take_from(&mut frame, &found);
+    let samples = KeptSamples::take_from(&mut frame, &found, reading.guides);
     Ok((Arc::new(frame), Arc::new(found), Arc::new(samples)))
 }
 
@@ -316,6 +318,7 @@ mod tests {
             source: &mask::Source::Auto,
             masks: &MaskFiles::default(),
             again: false,
+            guides: false,
             most: 4,
             limits: Limits::default(),
         };

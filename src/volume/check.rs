@@ -96,6 +96,7 @@ fn march(given: &MarchScene) -> Vec<Problem> {
             !(given.dense_step > 0.0 && given.dense_step <= 1e3),
             "march.dense-step: above 0, 1000 voxels at most",
         ),
+        (!(1..=65_536).contains(&given.dense_samples), "march.dense-samples: 1 to 65536"),
         (!(given.opaque > 0.0 && given.opaque <= 1.0), "march.opaque: above 0, 1 at most"),
         (!(0.0..=1.0).contains(&given.depth_opacity), "march.depth-opacity: 0 to 1"),
         (!given.iso.is_finite(), "march.iso: a number"),

@@ -18,15 +18,15 @@ impl Renderer {
     }
 }
 
-/// The shot of a coarse renderer for dense AOVs: every pixel, one sample through its centre, without shading.
-pub fn shot<'a>(camera: &'a Camera, of: &Shot<'_>) -> Shot<'a> {
+/// The shot of a coarse renderer for dense AOVs: every pixel, the first `samples` of the picture's, without shading.
+pub fn shot<'a>(camera: &'a Camera, of: &Shot<'_>, samples: u32) -> Shot<'a> {
     Shot {
         camera,
         shader: None,
         size: of.size,
         mask: None,
-        samples: 1,
-        seed: 0,
+        samples: samples.min(of.samples),
+        seed: of.seed,
         normals: true,
         depth: true,
         gradients: false,
@@ -46,15 +46,15 @@ mod tests {
         let shader = stage.shader(camera);
         let own = shot(stage, camera, shader.as_ref(), None);
         let fine = Renderer { background: [0.0; 4], ..stage.renderer.clone() };
-        let dense = dense_shot(camera, &own);
+        let dense = dense_shot(camera, &own, stage.scene().march.dense_samples);
         [render(&fine, &own, &|| true), render(&stage.coarse(), &dense, &|| true)]
     }
 
     /// Both pictures of a head.
     fn head(march: &str) -> [Picture; 2] {
         let toml = format!(
-            "volume=\"procedural:head:48\"\n[march]\n{march}\n[camera]\nzoom=1.8\n[image]\nsize=[60, 50]\n\
-             background=[1.0, 1.0, 1.0, 1.0]\n"
+            "volume=\"procedural:head:48\"\n[march]\ndense-samples=3\n{march}\n[camera]\nzoom=1.8\n[image]\nsize=[60, 50]\n\
+             samples=3\nbackground=[1.0, 1.0, 1.0, 1.0]\n"
         );
         let stage =
             prepare(&Scene::parse(&toml, &[]).unwrap(), std::path::Path::new(""), &crate::Limits::default())
@@ -82,6 +82,23 @@ mod tests {
             }
         }
         assert!(seen > 500, "{seen}");
+    }
+
+    /// Both are the means of the same samples' colours, so that only the order of sums differs.
+    #[test]
+    fn albedo_is_the_picture_without_light() {
+        for march in ["step=1.0", "mode=\"iso\"", "mode=\"mip\""] {
+            let [own, dense] = head(&format!("{march}\n[shading]\nenabled=false"));
+            let [_, other] = head(march);
+            assert_eq!(dense, other, "{march}: light changes it");
+            let mut most = 0.0_f32;
+            for (own, dense) in own.colour.iter().zip(&dense.colour) {
+                assert!(dense.iter().any(|value| *value > 0.1), "{march}");
+                let apart = own.iter().zip(dense).map(|(a, b)| (a - b).abs());
+                most = apart.fold(most, f32::max);
+            }
+            assert!(most <= 100.0 * f32::EPSILON, "{march}: {most}");
+        }
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! Dense AOVs: what a coarse march without shading tells of every pixel, to steer the filling of the others' colour.
 //!
-//! Front to back as [`super::march`], in longer steps: alpha, and the mean normal and the mean distance, samples weighted by
-//! what they add to alpha. Isosurfaces and maxima are sought in the picture's own steps.
+//! Front to back as [`super::march`], in longer steps: colour without light and alpha, and the mean normal and the mean distance,
+//! samples weighted by what they add to alpha. Isosurfaces and maxima are sought in the picture's own steps.
 
 use super::kernel::Kernel;
 use super::march::{Seen, visible};
@@ -21,7 +21,7 @@ pub struct Dense<'a> {
 }
 
 impl Dense<'_> {
-    /// Marches along a ray; only alpha of the colour is told.
+    /// Marches along a ray.
     #[inline(always)]
     pub fn ray<K: Kernel>(&self, mut walk: Walk<'_, K>) -> Seen {
         let (mut seen, mut depth) = (Seen::NOTHING, 0.0);
@@ -37,11 +37,14 @@ impl Dense<'_> {
                 [x.to_array(), y.to_array(), z.to_array()]
             });
             for lane in 0..bundle.count {
-                let opacity = colours[lane][3];
+                let [.., opacity] = colours[lane];
                 if opacity <= 0.0 {
                     continue;
                 }
                 let part = (1.0 - seen.colour[3]) * opacity;
+                for k in 0..3 {
+                    seen.colour[k] += part * colours[lane][k];
+                }
                 if let Some(normals) = &normals {
                     for k in 0..3 {
                         seen.normal[k] += part * normals[k][lane];

@@ -54,7 +54,7 @@ pub enum Look {
     Iso(f32, [f32; 3]),
     /// The largest value.
     Mip,
-    /// Alpha, normal and depth alone: see `dense`.
+    /// Colour without light, alpha, normal and mean depth: see `dense`.
     Dense,
 }
 

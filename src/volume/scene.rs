@@ -227,6 +227,8 @@ pub struct MarchScene {
     pub depth_opacity: f64,
     /// Length of a step of dense AOVs in voxels where they are not of surfaces or maxima; not less than `step`.
     pub dense_step: f64,
+    /// Samples a pixel of dense AOVs: the first of the picture's, if it has more.
+    pub dense_samples: u32,
     /// Whether empty space is skipped; it changes no bit.
     pub skip: bool,
 }
@@ -242,6 +244,7 @@ impl Default for MarchScene {
             opaque: 0.995,
             depth_opacity: 0.5,
             dense_step: 1.0,
+            dense_samples: 1,
             skip: true,
         }
     }

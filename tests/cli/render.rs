@@ -92,7 +92,16 @@ fn dense_aovs_are_complete_and_guide_the_filling() {
     done(room.path(), &["fill", "dense.exr", "-o", "later.exr", "-q"]);
     let [some, dense, filled, later] =
         ["some.exr", "dense.exr", "filled.exr", "later.exr"].map(|name| frame(&room.path().join(name)));
-    let names = ["dense.A", "dense.N.X", "dense.N.Y", "dense.N.Z", "dense.Z"];
+    let names = [
+        "dense.albedo.R",
+        "dense.albedo.G",
+        "dense.albedo.B",
+        "dense.A",
+        "dense.N.X",
+        "dense.N.Y",
+        "dense.N.Z",
+        "dense.Z",
+    ];
     assert_eq!(dense.parts[0].attributes.text("lacuna/dense"), Some(names.join(",")));
     for name in ["R", "G", "B", "A", "mask"] {
         assert_eq!(channel(&some, name), channel(&dense, name), "{name}");

@@ -7,13 +7,15 @@
 //! with those of the frame's own image. Images much larger than the tiles of an excerpt go without: there it gained 0.2 and 0.4 dB for 2.4 times the time (engine and aneurism,
 //! 1200 x 1200, 20 %).
 //!
-//! Where guides gain, samples of other frames are also taken in two further ways (`ways`), whose errors have little in common with those of the first.
+//! Where guides gain, samples of other frames are also taken in further ways (`ways`), whose errors have little in common with those of the first. What the same
+//! fill misses of guides then corrects the result (`variates`).
 
 use std::borrow::Cow;
 use std::sync::Arc;
 
 use super::standing::Standing;
-use super::ways::{Given, Way, plain};
+use super::variates::Variates;
+use super::ways::{Given, On, Way, plain};
 use super::{Blend, Candidate, How, blend, less};
 use crate::decided::Decided;
 use crate::domain::Map;
@@ -27,7 +29,7 @@ use crate::{Error, Filter, Mask, Outcome, Planes, Problem, Run, Stop};
 use lacuna_core::hash;
 
 /// How samples of other frames may pull.
-const PULLS: [Pull; 3] = [
+pub(super) const PULLS: [Pull; 3] = [
     Pull { weight: 10.0, changes: Changes::Linear },
     Pull { weight: 60.0, changes: Changes::Linear },
     Pull { weight: 100.0, changes: Changes::Levelled },
@@ -45,7 +47,7 @@ const LOSS: f64 = 0.5;
 /// The power of the variance that errors go by, between that of edges and that of shading.
 const LESS: f64 = 0.8;
 /// Makes halves that are independent of the folds.
-const HALVES: u64 = 0x51;
+pub(super) const HALVES: u64 = 0x51;
 
 /// What came of it.
 pub struct Along {
@@ -116,8 +118,11 @@ impl<'a> Others<'a> {
         if !beside.is_empty() {
             ways.push(Way::Seen(PULLS[1]));
         }
-        if guides.is_some() {
-            ways.extend([Way::Regressed, Way::Plain(PULLS[1])]);
+        if let Some(guides) = guides {
+            ways.extend([Way::Regressed(On::Ours), Way::Plain(PULLS[1])]);
+            if Carried::are_guided(carried, guides.planes().len()) {
+                ways.push(Way::Regressed(On::Theirs));
+            }
         }
         let fills = if whole { fills(samples, carried, run)? } else { Vec::new() };
         Ok(Self { carried, ways, regression: guides.map(Regression::new), fills, whole, judged, beside })
@@ -183,7 +188,12 @@ pub fn pulled(
     if gain < WORTH || weights.alone() == Some(0) {
         return Ok(None);
     }
-    let crossed = Weights::crossed(&held, &learn);
+    let mut crossed = Weights::crossed(&held, &learn);
+    let variates = Variates::new(own, guides, (carried, &others.judged));
+    let correction = match &variates {
+        Some(variates) => variates.learn(samples, &crossed, run)?,
+        None => None,
+    };
     // What only judges goes, before the fill takes its memory.
     drop(voronoi);
     others.judged = Vec::new();
@@ -194,6 +204,10 @@ pub fn pulled(
     let Some(outcome) = blended((samples, &own.mask), &others, &weights, out, run)? else { return Ok(None) };
     for (samples, out) in samples.as_slice().iter().zip(out.as_mut_slice()) {
         own.mask.restore(samples, out);
+    }
+    if let (Some(variates), Some(correction)) = (variates, correction) {
+        variates.correct(&correction, out, run)?;
+        crossed = correction.held;
     }
     let share = 1.0 - weights.share(0);
     Ok(Some(Along { outcome, share, gain: Some(gain), held: crossed, own: part }))

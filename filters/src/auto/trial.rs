@@ -127,8 +127,7 @@ impl Blend {
             all.extend(guided);
             return Ok((all, tried.and_then(|tried| tried.alone)));
         }
-        let is_large = Excerpt::tiles(&self.mask).is_some();
-        all.retain(|candidate| !is_large && candidate.name == network::DESCRIPTOR.name);
+        all.retain(|candidate| candidate.name == network::DESCRIPTOR.name);
         // Guides first, which are the result where nothing is held out.
         Ok((guided.into_iter().chain(all).collect(), None))
     }

@@ -14,10 +14,19 @@ pub enum Way {
     Pulled(Pull),
     /// They pull what the frame gives without guides.
     Plain(Pull),
-    /// They are regressed on guides along with those of the frame.
-    Regressed,
+    /// They are regressed on guides along with those of the frame: on their own ones or on this frame's at their places.
+    Regressed(On),
     /// They and those of the frame pull the frames beside it, which are seen from it.
     Seen(Pull),
+}
+
+/// Which guides samples of other frames have.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum On {
+    /// This frame's, at their places.
+    Ours,
+    /// Those of their frames, of the very rays.
+    Theirs,
 }
 
 /// What a way starts from.
@@ -59,7 +68,7 @@ impl Way {
                 let (image, ended) = Given { first: None, ..*given }.pulled(&image, pull, None, run);
                 Ok((image, outcome.worst(ended)))
             }
-            Self::Regressed => given.regressed(run),
+            Self::Regressed(on) => given.regressed(on, run),
             Self::Seen(pull) => Ok((given.seen(pull, run)?, Outcome::direct())),
         }
     }
@@ -85,10 +94,11 @@ impl Given<'_> {
         temporal::seen((samples, mask, alone), (beside, carried), (pull, self.held_out_of.is_some()), run)
     }
 
-    fn regressed(&self, run: &Run<'_>) -> Result<(Planes, Outcome), Error> {
+    fn regressed(&self, on: On, run: &Run<'_>) -> Result<(Planes, Outcome), Error> {
         let Some(regression) = self.regression else { return Ok((self.alone.clone(), Outcome::direct())) };
         let mut beside = guided::Beside::default();
-        self.carried.iter().for_each(|carried| carried.put_beside(&mut beside));
+        let guided = on == On::Theirs && Carried::are_guided(self.carried, regression.guides());
+        self.carried.iter().for_each(|carried| carried.put_beside(&mut beside, guided));
         regression.fill((self.samples, self.mask), &beside, self.held_out_of, run)
     }
 }

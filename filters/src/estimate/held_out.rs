@@ -10,7 +10,7 @@ use super::variance::Variance;
 use crate::descriptor::Kind;
 use crate::excerpt::Excerpt;
 use crate::solver::holes::{self, Division};
-use crate::{Error, Mask, Planes};
+use crate::{Error, Mask, Plane, Planes};
 use lacuna_core::hash;
 
 /// Parts into which the samples of a frame are cut.
@@ -251,6 +251,14 @@ impl HeldOut {
             predicted: self.predicted.iter().map(|values| take(values)).collect(),
             variance: take(&self.variance),
         }
+    }
+
+    /// The error at each, channel by channel: what the truth is more.
+    pub fn errors(&self, truth: &Planes) -> Vec<Vec<f32>> {
+        let of = |(plane, predicted): (&Plane, &Vec<f32>)| {
+            self.at.iter().zip(predicted).map(|(&at, value)| plane.pixels()[at as usize] - value).collect()
+        };
+        truth.as_slice().iter().zip(&self.predicted).map(of).collect()
     }
 
     /// The squared error at each, the mean over the channels.

@@ -372,6 +372,7 @@ fn other_frames_have_the_size_and_the_planes_of_this_one() {
     }
     let full = Mask::from_fn(tall, |_, _| true);
     assert!(Carried::new(size(), (&images(2), &full), 1, |_| [0.0; 2]).is_err());
+    assert!(from(size(), 2).guided(&[Plane::filled(tall, 1.0)]).is_err());
 }
 
 #[test]

@@ -20,6 +20,8 @@ pub struct Carried {
     pub(crate) places: Arc<Vec<[f32; 2]>>,
     /// By plane, the values.
     pub(crate) values: Vec<Arc<Vec<f32>>>,
+    /// The same of guides; none where they are not known.
+    guides: Vec<Arc<Vec<f32>>>,
     /// The pixel of its own frame that each was measured at.
     pub(crate) home: Arc<Vec<u32>>,
     /// How many frames later than this one it was measured; negative if earlier, never 0.
@@ -84,7 +86,34 @@ impl Carried {
         let places = all.iter().map(|(_, place)| *place).collect();
         let (places, home) = (Arc::new(places), Arc::new(home));
         let own = Lies { size: samples.size(), corner: [0; 2] };
-        Ok(Self { places, values, home, offset, size, own, judged: None })
+        Ok(Self { places, values, guides: Vec::new(), home, offset, size, own, judged: None })
+    }
+
+    /// With what guides of this frame ([`crate::variational::guided::Guides::alike`]) are in the other one, plane by plane. All pixels of the other
+    /// frame, of which those that were measured count.
+    ///
+    /// # Errors
+    /// [`Error::SizeMismatch`] where these are no planes of the other frame.
+    pub fn guided(mut self, planes: &[Plane]) -> Result<Self, Error> {
+        if let Some(plane) = planes.iter().find(|plane| plane.size() != self.own.size) {
+            return Err(Error::size(self.own.size, "guides of another frame", plane.size()));
+        }
+        let of = |plane: &Plane| Arc::new(self.home.iter().map(|at| plane.pixels()[*at as usize]).collect());
+        self.guides = planes.iter().map(of).collect();
+        self.judged = self.judged.map(|judged| judged.guided(planes).map(Box::new)).transpose()?;
+        Ok(self)
+    }
+
+    /// Whether so many planes of guides are known wherever there are samples, and something moves: what stands still lacks other frames' samples where
+    /// samples are held out, and what takes their place has no guides.
+    pub(crate) fn are_guided(all: &[Self], planes: usize) -> bool {
+        let known = all.iter().all(|one| one.is_empty() || one.guides.len() == planes);
+        known && !all.iter().all(Self::is_still)
+    }
+
+    /// The guides in place of the values.
+    pub(crate) fn of_guides(&self) -> Self {
+        Self { values: self.guides.clone(), guides: Vec::new(), ..self.not_judged() }
     }
 
     /// The same of a frame whose first pixel has this row and column in this one: both show parts of one image, and where the other one
@@ -167,21 +196,23 @@ impl Carried {
         self.values[plane][sample]
     }
 
-    /// Adds a sample of a frame in which nothing has moved, if it shows the pixel.
+    /// Adds a sample of a frame in which nothing has moved, if it shows the pixel; what guides are there is not known.
     pub(crate) fn push(&mut self, at: usize, values: &[f32]) {
         let Some(home) = self.own.home(self.size, at) else { return };
+        self.guides.clear();
         let width = self.size.width;
         Arc::make_mut(&mut self.places).push([(at / width) as f32, (at % width) as f32]);
         Arc::make_mut(&mut self.home).push(home as u32);
         self.values.iter_mut().zip(values).for_each(|(own, value)| Arc::make_mut(own).push(*value));
     }
 
-    /// Adds them to others.
-    pub(crate) fn put_beside(&self, all: &mut guided::Beside) {
+    /// Adds them to others, with their guides or without.
+    pub(crate) fn put_beside(&self, all: &mut guided::Beside, guided: bool) {
         all.at.extend_from_slice(&self.places);
         all.away.extend(self.places.iter().map(|_| self.distance() as f32));
         for i in 0..self.len() {
             all.values.extend(self.values.iter().map(|values| values[i]));
+            all.guides.extend(self.guides.iter().filter(|_| guided).map(|values| values[i]));
         }
     }
 
@@ -226,6 +257,7 @@ impl Carried {
         Self {
             places: Arc::new(samples.iter().map(|&i| self.places[i]).collect()),
             values: self.values.iter().map(take).collect(),
+            guides: self.guides.iter().map(take).collect(),
             home: Arc::new(samples.iter().map(|&i| self.home[i]).collect()),
             offset: self.offset,
             size: self.size,
@@ -239,6 +271,7 @@ impl Carried {
         Self {
             places: Arc::clone(&self.places),
             values: self.values.clone(),
+            guides: self.guides.clone(),
             home: Arc::clone(&self.home),
             offset: self.offset,
             size: self.size,

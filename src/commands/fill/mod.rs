@@ -135,6 +135,7 @@ impl Fill<'_> {
             source: &self.job.what.mask,
             masks: &self.masks,
             again: self.job.again,
+            guides: *self.job.what.wanted() != crate::guides::Asked::None,
             // As many as the window has, and those of frames that are read beside.
             most: item.neighbours.len() + self.job.run.parallel_frames.max(1),
             limits,

@@ -407,20 +407,24 @@ impl Render<'_> {
             pattern: pattern.as_deref(),
         };
         let wanted = &self.job.wanted;
-        let (mut frame, clamped) = picture::frame(picture, ready.size(), mask, *wanted, &story);
-        if wanted.dense || wanted.motion {
-            let dense = lacuna_volume::dense_shot(shot.camera, shot);
-            let dense = Shot { normals: wanted.dense, ..dense };
-            let picture = lacuna_volume::render(&ready.coarse(), &dense, &|| !stage.stopped());
-            if wanted.motion {
-                let next = ready.camera(item.number.unwrap_or(0).saturating_add(1));
-                let next = next.map_err(|error| Failure::at(&item.input, error))?;
-                motion::add(&mut frame, &picture.depth, (shot.camera, &next))
-                    .map_err(|error| Failure::at(&item.input, error))?;
-            }
-            if wanted.dense {
-                picture::add_dense(&mut frame, picture, wanted.kind);
-            }
+        let (mut frame, mut clamped) = picture::frame(picture, ready.size(), mask, *wanted, &story);
+        let coarse = |samples: u32, normals: bool| {
+            let dense = Shot { normals, ..lacuna_volume::dense_shot(shot.camera, shot, samples) };
+            lacuna_volume::render(&ready.coarse(), &dense, &|| !stage.stopped())
+        };
+        let samples = self.scene.march.dense_samples.min(shot.samples);
+        let dense = wanted.dense.then(|| coarse(samples, true));
+        if wanted.motion {
+            // What moves is what a pixel's centre shows.
+            let other = if samples == 1 && wanted.dense { None } else { Some(coarse(1, false)) };
+            let depth = other.as_ref().or(dense.as_ref()).map_or(&[][..], |picture| &picture.depth);
+            let next = ready.camera(item.number.unwrap_or(0).saturating_add(1));
+            let next = next.map_err(|error| Failure::at(&item.input, error))?;
+            motion::add(&mut frame, depth, (shot.camera, &next))
+                .map_err(|error| Failure::at(&item.input, error))?;
+        }
+        if let Some(dense) = dense {
+            clamped += picture::add_dense(&mut frame, dense, wanted.kind);
         }
         if stage.stopped() { Err(Failure::at(&item.output, STOPPED)) } else { Ok((frame, clamped)) }
     }
@@ -445,6 +449,8 @@ impl Render<'_> {
             + u64::from(wanted.depth)
             + 8 * u64::from(wanted.gradients)
             + 8 * u64::from(wanted.dense || wanted.motion)
+            // Motion has a march of its own where dense AOVs have several samples.
+            + 5 * u64::from(wanted.dense && wanted.motion && self.scene.march.dense_samples > 1)
             + 2 * u64::from(wanted.motion);
         // Tiles, planes and what is written.
         let pixel = planes * 4 * size_of::<f32>() as u64;

@@ -12,8 +12,9 @@ use crate::{channels, mask};
 const MASK: &str = "mask";
 /// Those of the colour's channels.
 const COLOURS: [&str; 4] = ["R", "G", "B", "A"];
-/// Alpha and normals of the coarse march.
-const DENSE: [&str; 4] = ["dense.A", "dense.N.X", "dense.N.Y", "dense.N.Z"];
+/// Albedo, alpha and normals of the coarse march.
+const DENSE: [&str; 7] =
+    ["dense.albedo.R", "dense.albedo.G", "dense.albedo.B", "dense.A", "dense.N.X", "dense.N.Y", "dense.N.Z"];
 /// Its depth.
 const DENSE_DEPTH: &str = "dense.Z";
 
@@ -30,7 +31,7 @@ pub struct Wanted {
     pub samples: bool,
     /// The colour's derivatives, layers `dx` and `dy`.
     pub gradients: bool,
-    /// Alpha, normal and depth of every pixel by a coarse march, layer `dense`.
+    /// Albedo, alpha, normal and depth of every pixel by a coarse march, layer `dense`.
     pub dense: bool,
     /// Motion of every pixel to the next frame, layer `motion`.
     pub motion: bool,
@@ -102,14 +103,15 @@ pub fn frame(
     (Frame { parts: vec![part] }, clamped)
 }
 
-/// Adds what a coarse march told of every pixel, and lists it as complete. Alpha and normals fit into halves.
-pub fn add_dense(frame: &mut Frame, picture: Picture, kind: SampleType) {
-    let Some(part) = frame.parts.first_mut() else { return };
-    let [.., alpha] = picture.colour;
-    let named = DENSE.into_iter().zip([alpha].into_iter().chain(picture.normal));
-    part.channels.extend(named.map(|(name, plane)| channel(name, values(plane, kind, &mut 0))));
+/// Adds what a coarse march told of every pixel, and lists it as complete; how many values became the largest half.
+pub fn add_dense(frame: &mut Frame, picture: Picture, kind: SampleType) -> usize {
+    let Some(part) = frame.parts.first_mut() else { return 0 };
+    let mut clamped = 0;
+    let named = DENSE.into_iter().zip(picture.colour.into_iter().chain(picture.normal));
+    part.channels.extend(named.map(|(name, plane)| channel(name, values(plane, kind, &mut clamped))));
     part.channels.push(channel(DENSE_DEPTH, Samples::Float(picture.depth)));
     channels::list_dense(part, DENSE.into_iter().chain([DENSE_DEPTH]));
+    clamped
 }
 
 /// A plane's samples of that type; counts those that become the largest half.

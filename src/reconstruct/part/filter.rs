@@ -15,7 +15,7 @@ use crate::reconstruct::bounds::bounds_of;
 use crate::reconstruct::estimate::{Estimated, untold};
 use crate::reconstruct::groups::{Group, Target, speaks};
 use crate::reconstruct::{Error, GroupReport, Job, NoiseSource, Weights, energy, gradients, twins};
-use crate::temporal::{Carrier, Reference, carriers};
+use crate::temporal::{Carrier, Guided, Reference, carriers};
 
 /// Fills a group of channels, and says in the report and in its targets what was found.
 pub fn filter(
@@ -43,7 +43,13 @@ pub fn filter(
     let (noise, note) = work.job.noise.of(part, group, &samples)?;
     options.noise = noise;
     done.notes.extend(note);
-    let carried: Vec<_> = carriers.iter().filter_map(|carrier| carrier.carried(&names)).collect();
+    let guided = options.guides.map(|guides| {
+        let view = names.first().and_then(|name| channels::view_of(part, name));
+        let found = work.guide_channels.iter().filter(|guide| guide.serves(view.as_deref())).collect();
+        Guided { guides, found, part }
+    });
+    let carried = |carrier: &Carrier<'_>| carrier.carried(&names, guided.as_ref());
+    let carried: Vec<_> = carriers.iter().filter_map(carried).collect();
     if group.values != Values::Directions {
         options.carried = &carried;
     }

@@ -2,7 +2,7 @@
 //!
 //! As in [`super`], but over more and nearer samples, so that the regression goes by place as well as by guides: planes of rows and of columns have a
 //! slope and no weight. A last plane, with a weight and no slope, is how many frames away a sample was measured: 0 for those of this frame. The guides of
-//! a sample are this frame's at its place. Nothing is chosen: where it is worse than others, [`crate::auto`] gives it no share.
+//! a sample are those of its own frame, of the very rays that it is of; where these are not known, this frame's at its place. Nothing is chosen: where it is worse than others, [`crate::auto`] gives it no share.
 
 use std::sync::Arc;
 
@@ -27,6 +27,8 @@ pub struct Beside {
     pub values: Vec<f32>,
     /// How many frames away each was measured.
     pub away: Vec<f32>,
+    /// All guides of a sample together, as its own frame has them; those of this frame at its place where none are known.
+    pub guides: Vec<f32>,
 }
 
 /// The regression on some guides.
@@ -48,6 +50,11 @@ impl<'a> Regression<'a> {
         let bandwidths = [vec![BANDWIDTH; count], vec![0.0, 0.0, AWAY]].concat();
         let slopes = [vec![true; count + 2], vec![false]].concat();
         Self { labels: guides.labels(), planes, scales: Scales { bandwidths, slopes, ridge: RIDGE } }
+    }
+
+    /// The number of planes of guides.
+    pub fn guides(&self) -> usize {
+        self.planes.len() - 3
     }
 
     /// The image from the samples of a mask and those beside them. Where some samples are held out of a mask, roughly and at its pixels.
@@ -75,10 +82,13 @@ fn seen((samples, mask): (&Planes, &Mask), beside: &Beside, field: Field<'_>) ->
     let mut flags = mask.as_slice().to_vec();
     let mut more = Samples { at: beside.at.clone(), values: beside.values.clone(), ..Samples::default() };
     let guides = &field.planes[..field.planes.len() - 1];
-    for (at, away) in beside.at.iter().zip(&beside.away) {
+    let count = guides.len() - 2;
+    for (i, (at, away)) in beside.at.iter().zip(&beside.away).enumerate() {
         let pixel = pixel(size, *at);
         flags[pixel] = true;
-        more.guides.extend(guides.iter().map(|plane| between(plane, *at)));
+        let own = beside.guides.get(i * count..(i + 1) * count).unwrap_or_default();
+        more.guides.extend_from_slice(own);
+        more.guides.extend(guides[own.len()..].iter().map(|plane| between(plane, *at)));
         more.guides.push(*away);
         more.labels.extend(field.labels.map(|labels| labels[pixel]));
     }
@@ -119,6 +129,43 @@ mod tests {
 
     fn guide(y: f32, x: f32) -> f32 {
         (0.8 * y).sin() + (0.5 * x + 0.2 * y).cos()
+    }
+
+    /// Each pixel of each frame shows another place of what it covers, and its guide is of that place.
+    #[test]
+    fn guides_of_the_frame_that_a_sample_is_of_tell_more_than_those_of_this_one() {
+        let shaken = |seed: u64, y: usize, x: usize| {
+            let random = |axis: u64| {
+                let key = 2 * (y * SIZE.width + x) as u64 + axis;
+                (lacuna_core::hash(seed, key) as f64 / u64::MAX as f64 - 0.5) as f32
+            };
+            guide(y as f32 + random(0), x as f32 + random(1))
+        };
+        let scene = |guide: f32| 0.4 + 0.1 * guide;
+        let plane = |value: &dyn Fn(usize, usize) -> f32| Plane::from_fn(SIZE, value);
+        let truth = Planes::new(SIZE, vec![plane(&|y, x| scene(shaken(0, y, x)))]).unwrap();
+        let mut guides = Guides::new(SIZE);
+        guides.add("guide", vec![plane(&|y, x| shaken(0, y, x))]).unwrap();
+        let own = guides.alike(|_| Some(vec![plane(&|y, x| shaken(1, y, x))])).unwrap();
+        let mask = Arc::new(Mask::from_fn(SIZE, |y, x| (3 * y + 2 * x) % 7 == 0));
+        let mut beside = Beside::default();
+        for (y, x) in (0..60).flat_map(|y| (0..64).map(move |x| (y, x))).filter(|(y, x)| (y + 2 * x) % 3 == 0)
+        {
+            beside.at.push([y as f32, x as f32]);
+            beside.values.push(scene(shaken(1, y, x)));
+            beside.away.push(1.0);
+            beside.guides.push(own[0].at(y, x));
+        }
+        let run = Run::default();
+        let regression = Regression::new(&guides);
+        let error = |beside: &Beside| {
+            let (image, _) = regression.fill((&truth, &mask), beside, None, &run).unwrap();
+            let pairs = image.as_slice()[0].pixels().iter().zip(truth.as_slice()[0].pixels());
+            pairs.map(|(a, b)| f64::from(a - b).powi(2)).sum::<f64>()
+        };
+        let with = error(&beside);
+        let without = error(&Beside { guides: Vec::new(), ..beside });
+        assert!(with < 0.2 * without, "{with} {without}");
     }
 
     /// A function of a guide and of the place, sampled by one frame at few pixels and by another between many.

@@ -30,6 +30,8 @@ pub struct Guides {
     /// Groups that are normals.
     normals: Vec<usize>,
     planes: Vec<Plane>,
+    /// Which plane of its group each is, of all that were given, and how it was scaled.
+    scaled: Vec<(usize, Scaling)>,
     /// What each plane has lost: scaled, its mean.
     centres: Vec<f32>,
     /// What zero became in each plane; NaN beside a constant that is not zero, as nothing is blank there.
@@ -50,6 +52,7 @@ impl Guides {
             groups: Vec::new(),
             normals: Vec::new(),
             planes: Vec::new(),
+            scaled: Vec::new(),
             centres: Vec::new(),
             zeros: Vec::new(),
             holes: Vec::new(),
@@ -77,14 +80,15 @@ impl Guides {
             self.mark_unknown(plane, &mut holes);
         }
         let tamed = planes.into_par_iter().map(|mut plane| (tame(plane.pixels_mut()), plane));
-        for (moments, plane) in tamed {
-            let Some(Tamed { mean, square, zero }) = moments else {
+        for (given, (moments, plane)) in tamed.into_iter().enumerate() {
+            let Some(Tamed { limits, mean, square, zero }) = moments else {
                 held |= plane.pixels().iter().any(|value| *value != 0.0 && !value.is_nan());
                 continue;
             };
             variance += square;
             count += 1.0;
             group.push((self.planes.len(), mean, zero));
+            self.scaled.push((given, Scaling { limits, mean, factor: 0.0 }));
             self.planes.push(plane);
         }
         if group.is_empty() {
@@ -92,11 +96,12 @@ impl Guides {
         }
         let factor = SPREAD / (variance / count).sqrt();
         for &(index, mean, zero) in &group {
+            let scaling = &mut self.scaled[index].1;
+            scaling.factor = factor;
             let parts = self.planes[index].pixels_mut().par_chunks_mut(PART);
-            let scaled = |value: f32| ((f64::from(value) - mean) * factor) as f32;
-            parts.for_each(|values| values.iter_mut().for_each(|value| *value = scaled(*value)));
+            parts.for_each(|values| values.iter_mut().for_each(|value| *value = scaling.scale(*value)));
             self.centres.push((mean * factor) as f32);
-            self.zeros.push(if held { f32::NAN } else { scaled(zero) });
+            self.zeros.push(if held { f32::NAN } else { scaling.scale(zero) });
         }
         if normal && group.len() == 3 {
             self.normals.push(self.groups.len());
@@ -105,6 +110,24 @@ impl Guides {
         self.holes.push(holes);
         self.names.push(name.into());
         Ok(true)
+    }
+
+    /// What these guides are in another frame, as planes of theirs: `of` gives all that belong to one, by its name, in the order in which
+    /// they were added here. Nothing if some are not there.
+    pub fn alike(&self, mut of: impl FnMut(&str) -> Option<Vec<Plane>>) -> Option<Vec<Plane>> {
+        let mut alike = Vec::with_capacity(self.planes.len());
+        for (name, group) in self.names.iter().zip(&self.groups) {
+            let mut planes: Vec<_> = of(name)?.into_iter().map(Some).collect();
+            for &index in group {
+                let (given, scaling) = &self.scaled[index];
+                let mut plane = planes.get_mut(*given)?.take()?;
+                let parts = plane.pixels_mut().par_chunks_mut(PART);
+                let scaled = |value: f32| scaling.scale(scaling.limits.tame(value));
+                parts.for_each(|values| values.iter_mut().for_each(|value| *value = scaled(*value)));
+                alike.push(plane);
+            }
+        }
+        Some(alike)
     }
 
     /// Adds labels: pixels with different ones are on different surfaces. One label everywhere says nothing and is left
@@ -207,6 +230,7 @@ impl Guides {
             groups: self.groups.clone(),
             normals: self.normals.clone(),
             planes: self.planes.iter().map(map).collect(),
+            scaled: self.scaled.clone(),
             centres: self.centres.clone(),
             zeros: self.zeros.clone(),
             holes: vec![None; self.groups.len()],
@@ -280,8 +304,46 @@ fn is_normal(planes: &[Plane]) -> bool {
     planes.len() == 3 && all().all(|value| value.abs() <= 1.001) && all().any(|value| *value < 0.0)
 }
 
-/// The mean of tamed values, their variance, and what zero became.
+/// Where far outliers are brought, and what is not finite.
+#[derive(Clone, Copy, Debug)]
+struct Limits {
+    /// In place of what is not a number.
+    low: f32,
+    floor: f32,
+    top: f32,
+    /// In place of what is infinite.
+    beyond: f32,
+}
+
+impl Limits {
+    fn tame(self, value: f32) -> f32 {
+        if value.is_nan() {
+            self.low
+        } else if value == f32::INFINITY {
+            self.beyond
+        } else {
+            value.clamp(self.floor, self.top)
+        }
+    }
+}
+
+/// From the tamed values of a plane to what it holds.
+#[derive(Clone, Copy, Debug)]
+struct Scaling {
+    limits: Limits,
+    mean: f64,
+    factor: f64,
+}
+
+impl Scaling {
+    fn scale(self, value: f32) -> f32 {
+        ((f64::from(value) - self.mean) * self.factor) as f32
+    }
+}
+
+/// What tamed values were brought to, their mean, their variance, and what zero became.
 struct Tamed {
+    limits: Limits,
     mean: f64,
     square: f64,
     zero: f32,
@@ -325,15 +387,10 @@ fn tame(values: &mut [f32]) -> Option<Tamed> {
     let room = if probes.is_empty() { 0.0 } else { width };
     let (floor, top) = ((low - room).max(f32::MIN), (high + room).min(f32::MAX));
     let beyond = if probes.is_empty() && least == most { least + 1.0_f32.max(least.abs()) } else { top };
+    let limits = Limits { low, floor, top: top.max(beyond), beyond };
     let sums = values.par_chunks_mut(PART).map(|values| {
         for value in values.iter_mut() {
-            *value = if value.is_nan() {
-                low
-            } else if *value == f32::INFINITY {
-                beyond
-            } else {
-                value.clamp(floor, top.max(beyond))
-            };
+            *value = limits.tame(*value);
         }
         sum(values, |value| value)
     });
@@ -341,8 +398,8 @@ fn tame(values: &mut [f32]) -> Option<Tamed> {
     let mean = sums.into_iter().sum::<f64>() / count;
     let squares = values.par_chunks(PART).map(|values| sum(values, |value| (value - mean).powi(2)));
     let variance = squares.into_iter().sum::<f64>() / count;
-    let zero = 0.0_f32.clamp(floor, top.max(beyond));
-    (variance > 0.0 && variance.is_finite()).then_some(Tamed { mean, square: variance, zero })
+    let zero = limits.tame(0.0);
+    (variance > 0.0 && variance.is_finite()).then_some(Tamed { limits, mean, square: variance, zero })
 }
 
 /// Quantiles, which where they are one value (a surface beside two others) give way by the distance to the nearest other one.

@@ -271,3 +271,24 @@ fn a_reach_holds_the_samples_wanted() {
         }
     }
 }
+
+/// Also those that are constant here, not finite or far off.
+#[test]
+fn guides_of_another_frame_are_on_the_scale_of_these() {
+    let size = Size::new(20, 30);
+    let value = |k: usize, y: usize, x: usize| match (k, y, x) {
+        (1, ..) => 0.5,
+        (2, 3, 4) => f32::INFINITY,
+        (2, 5, 6) => 1e30,
+        _ => 10.0 * k as f32 + (0.3 * y as f32 + 0.2 * x as f32).sin(),
+    };
+    let all = || (0..3).map(|k| Plane::from_fn(size, |y, x| value(k, y, x))).collect::<Vec<_>>();
+    let mut guides = Guides::new(size);
+    guides.add("a", all()).unwrap();
+    let alike = guides.alike(|name| (name == "a").then(all)).unwrap();
+    assert_eq!(alike.len(), 2);
+    let bits = |plane: &Plane| plane.pixels().iter().map(|value| value.to_bits()).collect::<Vec<_>>();
+    assert!(alike.iter().zip(guides.planes()).all(|(other, own)| bits(other) == bits(own)));
+    assert!(guides.alike(|_| None).is_none());
+    assert!(guides.alike(|_| Some(all()[..2].to_vec())).is_none());
+}
