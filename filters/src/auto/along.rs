@@ -189,9 +189,8 @@ pub fn pulled(
         return Ok(None);
     }
     let mut crossed = Weights::crossed(&held, &learn);
-    let variates = Variates::new(own, guides, (carried, &others.judged));
-    let correction = match &variates {
-        Some(variates) => variates.learn(samples, &crossed, run)?,
+    let correction = match Variates::new(own, guides, (carried, &others.judged)) {
+        Some(variates) => variates.learn(&tamed, &crossed, run)?,
         None => None,
     };
     // What only judges goes, before the fill takes its memory.
@@ -205,8 +204,8 @@ pub fn pulled(
     for (samples, out) in samples.as_slice().iter().zip(out.as_mut_slice()) {
         own.mask.restore(samples, out);
     }
-    if let (Some(variates), Some(correction)) = (variates, correction) {
-        variates.correct(&correction, out, run)?;
+    if let Some(correction) = correction {
+        correction.correct(&own.mask, out, run)?;
         crossed = correction.held;
     }
     let share = 1.0 - weights.share(0);

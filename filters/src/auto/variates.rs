@@ -44,6 +44,8 @@ pub struct Variates<'a> {
 /// What was learned of them.
 pub struct Correction {
     slopes: Slopes,
+    guides: Planes,
+    carried: Vec<Carried>,
     /// The predictions at held-out samples, each corrected by what others have taught.
     pub held: HeldOut,
 }
@@ -58,7 +60,7 @@ impl<'a> Variates<'a> {
         let guides = guides?;
         let count = guides.planes().len();
         let known = [carried, judged].iter().all(|all| Carried::are_guided(all, count));
-        if !known || !(1..=MOST).contains(&count) {
+        if !known || count > MOST {
             return None;
         }
         let guides = Planes::new(guides.size(), guides.planes().to_vec()).ok()?;
@@ -70,7 +72,7 @@ impl<'a> Variates<'a> {
 
     /// What they tell of a blend, by what it predicts at held-out samples, in the order of rows; nothing if that is not worth it.
     pub fn learn(
-        &self,
+        self,
         samples: &Planes,
         blend: &HeldOut,
         run: &Run<'_>,
@@ -104,13 +106,17 @@ impl<'a> Variates<'a> {
                 *value += of_others.told(channel, pixel as usize, known.iter().map(|known| known[i]));
             }
         }
-        let is_worth = is_worth(&blend.squared_errors(samples), &held.squared_errors(samples));
-        Ok(is_worth.then(|| Correction { slopes: learn(&|_| true), held }))
+        if !is_worth(&blend.squared_errors(samples), &held.squared_errors(samples)) {
+            return Ok(None);
+        }
+        let slopes = learn(&|_| true);
+        Ok(Some(Correction { slopes, guides: self.guides, carried: self.carried, held }))
     }
+}
 
-    /// Corrects the missing pixels of a blend.
-    pub fn correct(&self, correction: &Correction, out: &mut Planes, run: &Run<'_>) -> Result<(), Error> {
-        let mask = &self.own.mask;
+impl Correction {
+    /// Corrects the missing pixels of a blend, whose mask this is.
+    pub fn correct(&self, mask: &Arc<Mask>, out: &mut Planes, run: &Run<'_>) -> Result<(), Error> {
         let filled = filled((&self.guides, mask), &self.carried, false, run)?;
         if run.interrupted().is_some() {
             return Ok(());
@@ -123,7 +129,7 @@ impl<'a> Variates<'a> {
                         let errors = known
                             .iter()
                             .map(|(guide, filled)| guide.pixels()[pixel] - filled.pixels()[pixel]);
-                        *out += correction.slopes.told(channel, pixel, errors);
+                        *out += self.slopes.told(channel, pixel, errors);
                     }
                 }
             });

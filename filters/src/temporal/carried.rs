@@ -104,11 +104,11 @@ impl Carried {
         Ok(self)
     }
 
-    /// Whether so many planes of guides are known wherever there are samples, and something moves: what stands still lacks other frames' samples where
+    /// Whether so many planes of guides, one at least, are known wherever there are samples, and something moves: what stands still lacks other frames' samples where
     /// samples are held out, and what takes their place has no guides.
     pub(crate) fn are_guided(all: &[Self], planes: usize) -> bool {
         let known = all.iter().all(|one| one.is_empty() || one.guides.len() == planes);
-        known && !all.iter().all(Self::is_still)
+        planes > 0 && known && !all.iter().all(Self::is_still)
     }
 
     /// The guides in place of the values.

@@ -11,11 +11,14 @@ use lacuna_core::parallel::prelude::*;
 
 use super::{Neighbourhood, Weights, add_products};
 use crate::Mask;
+use crate::solver::cholesky::Cholesky;
 
 /// Samples around a place, and what all of the image counts for.
 const NEAR: Neighbourhood = Neighbourhood { spread: 4.0, frame: 0.5 };
 /// What is added to the diagonal, over itself: known errors may differ by orders of magnitude.
 const RIDGE: f64 = 0.01;
+/// A pivot of so much of the diagonal is none.
+const SINGULAR: f64 = 1e-12;
 
 /// The slopes in cells.
 #[derive(Clone, Debug)]
@@ -37,7 +40,6 @@ impl Slopes {
             add_products(&errors, products);
         });
         let solved = around.par_iter().with_min_len(16).map(|own| slopes(own, &whole, count, all));
-        let solved: Vec<Vec<f64>> = solved.into_iter().collect();
         let of = |k: usize| solved.iter().map(|slopes| slopes[k] as f32).collect();
         cells.of = (0..count * wanted.len()).map(of).collect();
         Self { cells, known: count }
@@ -58,41 +60,13 @@ fn slopes(own: &[f64], whole: &[f64], known: usize, all: usize) -> Vec<f64> {
     let share = if everywhere > 0.0 { NEAR.frame * here / everywhere } else { 0.0 };
     let at = |row: usize, column: usize| own[row * all + column] + share * whole[row * all + column];
     let matrix = |row: usize, column: usize| at(row, column) * if row == column { 1.0 + RIDGE } else { 1.0 };
-    let Some(factor) = cholesky(known, &matrix) else { return vec![0.0; known * (all - known)] };
-    (known..all).flat_map(|wanted| solved(&factor, known, |row| at(row, wanted))).collect()
-}
-
-/// The lower factor of a matrix; nothing if it is not positive definite.
-fn cholesky(size: usize, matrix: &dyn Fn(usize, usize) -> f64) -> Option<Vec<f64>> {
-    let mut factor = vec![0.0; size * size];
-    for row in 0..size {
-        for column in 0..=row {
-            let (a, b) = (&factor[row * size..][..column], &factor[column * size..][..column]);
-            let left = matrix(row, column) - a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
-            factor[row * size + column] = if row > column {
-                left / factor[column * size + column]
-            } else if left > 0.0 {
-                left.sqrt()
-            } else {
-                return None;
-            };
-        }
-    }
-    Some(factor)
-}
-
-/// What the matrix of a factor makes of that right side.
-fn solved(factor: &[f64], size: usize, right: impl Fn(usize) -> f64) -> Vec<f64> {
-    let mut x: Vec<f64> = (0..size).map(right).collect();
-    for row in 0..size {
-        let sum: f64 = (0..row).map(|k| factor[row * size + k] * x[k]).sum();
-        x[row] = (x[row] - sum) / factor[row * size + row];
-    }
-    for row in (0..size).rev() {
-        let sum: f64 = (row + 1..size).map(|k| factor[k * size + row] * x[k]).sum();
-        x[row] = (x[row] - sum) / factor[row * size + row];
-    }
-    x
+    let factor = Cholesky::new(known, SINGULAR, matrix);
+    let of = |wanted: usize| {
+        let mut slopes: Vec<f64> = (0..known).map(|row| at(row, wanted)).collect();
+        factor.solve(&mut slopes);
+        slopes
+    };
+    (known..all).flat_map(of).collect()
 }
 
 #[cfg(test)]

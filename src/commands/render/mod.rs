@@ -413,17 +413,16 @@ impl Render<'_> {
             lacuna_volume::render(&ready.coarse(), &dense, &|| !stage.stopped())
         };
         let samples = self.scene.march.dense_samples.min(shot.samples);
-        let dense = wanted.dense.then(|| coarse(samples, true));
-        if wanted.motion {
-            // What moves is what a pixel's centre shows.
-            let other = if samples == 1 && wanted.dense { None } else { Some(coarse(1, false)) };
-            let depth = other.as_ref().or(dense.as_ref()).map_or(&[][..], |picture| &picture.depth);
+        let dense = (wanted.dense || wanted.motion && samples == 1).then(|| coarse(samples, wanted.dense));
+        // What moves is what a pixel's centre shows.
+        let centre = (wanted.motion && samples > 1).then(|| coarse(1, false));
+        if let Some(seen) = centre.as_ref().or(dense.as_ref()).filter(|_| wanted.motion) {
             let next = ready.camera(item.number.unwrap_or(0).saturating_add(1));
             let next = next.map_err(|error| Failure::at(&item.input, error))?;
-            motion::add(&mut frame, depth, (shot.camera, &next))
+            motion::add(&mut frame, &seen.depth, (shot.camera, &next))
                 .map_err(|error| Failure::at(&item.input, error))?;
         }
-        if let Some(dense) = dense {
+        if let Some(dense) = dense.filter(|_| wanted.dense) {
             clamped += picture::add_dense(&mut frame, dense, wanted.kind);
         }
         if stage.stopped() { Err(Failure::at(&item.output, STOPPED)) } else { Ok((frame, clamped)) }

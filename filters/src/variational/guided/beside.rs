@@ -131,6 +131,14 @@ mod tests {
         (0.8 * y).sin() + (0.5 * x + 0.2 * y).cos()
     }
 
+    /// The squared error of the image from the samples of a mask and those beside them.
+    fn error(guides: &Guides, (truth, mask): (&Planes, &Arc<Mask>), beside: &Beside) -> f64 {
+        let regression = Regression::new(guides);
+        let (image, _) = regression.fill((truth, mask), beside, None, &Run::default()).unwrap();
+        let pairs = image.as_slice()[0].pixels().iter().zip(truth.as_slice()[0].pixels());
+        pairs.map(|(a, b)| f64::from(a - b).powi(2)).sum()
+    }
+
     /// Each pixel of each frame shows another place of what it covers, and its guide is of that place.
     #[test]
     fn guides_of_the_frame_that_a_sample_is_of_tell_more_than_those_of_this_one() {
@@ -156,13 +164,7 @@ mod tests {
             beside.away.push(1.0);
             beside.guides.push(own[0].at(y, x));
         }
-        let run = Run::default();
-        let regression = Regression::new(&guides);
-        let error = |beside: &Beside| {
-            let (image, _) = regression.fill((&truth, &mask), beside, None, &run).unwrap();
-            let pairs = image.as_slice()[0].pixels().iter().zip(truth.as_slice()[0].pixels());
-            pairs.map(|(a, b)| f64::from(a - b).powi(2)).sum::<f64>()
-        };
+        let error = |beside: &Beside| error(&guides, (&truth, &mask), beside);
         let with = error(&beside);
         let without = error(&Beside { guides: Vec::new(), ..beside });
         assert!(with < 0.2 * without, "{with} {without}");
@@ -185,13 +187,7 @@ mod tests {
             beside.values.push(scene(at[0], at[1]));
             beside.away.push(1.0);
         }
-        let run = Run::default();
-        let regression = Regression::new(&guides);
-        let error = |beside: &Beside| {
-            let (image, _) = regression.fill((&truth, &mask), beside, None, &run).unwrap();
-            let pairs = image.as_slice()[0].pixels().iter().zip(truth.as_slice()[0].pixels());
-            pairs.map(|(a, b)| f64::from(a - b).powi(2)).sum::<f64>()
-        };
+        let error = |beside: &Beside| error(&guides, (&truth, &mask), beside);
         let (with, without) = (error(&beside), error(&Beside::default()));
         assert!(with < 0.5 * without, "{with} {without}");
     }
